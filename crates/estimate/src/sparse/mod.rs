@@ -1,0 +1,1 @@
+//! Sparse information: patterns, ordering, Cholesky factors and selected inverses.

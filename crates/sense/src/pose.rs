@@ -1,0 +1,103 @@
+//! Rigid motions that carry a scanner's frame into the world.
+
+/// A rigid motion `p_world = R p_scanner + t`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Rotation matrix `R`, row by row: orthonormal, determinant +1.
+    pub rotation: [[f64; 3]; 3],
+    /// Translation `t`, in the model's unit.
+    pub translation: [f64; 3],
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self::identity()
+    }
+}
+
+impl Pose {
+    /// The motion that moves nothing.
+    #[must_use]
+    pub fn identity() -> Self {
+        Self { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
+    }
+
+    /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion of length zero or not finite.
+    #[must_use]
+    pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
+        let norm = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
+        if !norm.is_finite() || norm == 0.0 {
+            return None;
+        }
+        let [x, y, z, w] = quaternion.map(|c| c / norm);
+        let rotation = [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ];
+        Some(Self { rotation, translation })
+    }
+
+    /// The unit quaternion `(x, y, z, w)` of the rotation, with `w ≥ 0`.
+    #[must_use]
+    pub fn quaternion_xyzw(&self) -> [f64; 4] {
+        let r = &self.rotation;
+        // The largest of the four squared components is taken first: the others divide by it without loss.
+        let squares = [
+            1.0 + r[0][0] - r[1][1] - r[2][2],
+            1.0 - r[0][0] + r[1][1] - r[2][2],
+            1.0 - r[0][0] - r[1][1] + r[2][2],
+            1.0 + r[0][0] + r[1][1] + r[2][2],
+        ];
+        let largest = (0..4).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).unwrap_or(3);
+        let s = 2.0 * squares[largest].sqrt();
+        let q = match largest {
+            0 => [s / 4.0, (r[0][1] + r[1][0]) / s, (r[0][2] + r[2][0]) / s, (r[2][1] - r[1][2]) / s],
+            1 => [(r[0][1] + r[1][0]) / s, s / 4.0, (r[1][2] + r[2][1]) / s, (r[0][2] - r[2][0]) / s],
+            2 => [(r[0][2] + r[2][0]) / s, (r[1][2] + r[2][1]) / s, s / 4.0, (r[1][0] - r[0][1]) / s],
+            _ => [(r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s, (r[1][0] - r[0][1]) / s, s / 4.0],
+        };
+        if q[3] < 0.0 { q.map(|c| -c) } else { q }
+    }
+
+    /// A direction carried along: `R d`.
+    #[must_use]
+    pub fn rotate(&self, d: [f64; 3]) -> [f64; 3] {
+        let r = &self.rotation;
+        [0, 1, 2].map(|i| r[i][0] * d[0] + r[i][1] * d[1] + r[i][2] * d[2])
+    }
+
+    /// A point carried along: `R p + t`.
+    #[must_use]
+    pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        let q = self.rotate(p);
+        [q[0] + self.translation[0], q[1] + self.translation[1], q[2] + self.translation[2]]
+    }
+
+    /// The motion that undoes this one.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let r = &self.rotation;
+        let rotation = [0, 1, 2].map(|i| [r[0][i], r[1][i], r[2][i]]);
+        let back = Self { rotation, translation: [0.0; 3] }.rotate(self.translation);
+        Self { rotation, translation: back.map(|c| -c) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quaternion_there_and_back_keeps_the_motion() {
+        for q in [[0.1, -0.7, 0.2, 0.6], [0.9, 0.1, 0.1, -0.2], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1e-9], [0.0, 0.0, 0.0, 1.0]] {
+            let pose = Pose::from_quaternion_xyzw(q, [1.0, 2.0, 3.0]).unwrap();
+            let again = Pose::from_quaternion_xyzw(pose.quaternion_xyzw(), [1.0, 2.0, 3.0]).unwrap();
+            let p = [0.3, -0.4, 0.5];
+            let (a, b) = (pose.apply(p), again.inverse().apply(pose.apply(p)));
+            assert!(again.apply(p).iter().zip(a).all(|(x, y)| (x - y).abs() < 1e-14));
+            assert!(b.iter().zip(p).all(|(x, y)| (x - y).abs() < 1e-14));
+        }
+        assert!(Pose::from_quaternion_xyzw([0.0; 4], [0.0; 3]).is_none());
+    }
+}
