@@ -4,6 +4,7 @@
 
 pub mod error;
 pub mod sparse;
+pub mod vector3;
 
 mod belief;
 mod consistency;
