@@ -1,1 +1,15 @@
-//! spline
+//! B-spline surfaces for Planish: bases, truncated hierarchies, differential geometry, foot points, energies.
+//!
+//! The data flow is: a [`Hierarchy`] says which functions live where; a [`Surface`] adds control vertices; foot points tie
+//! measured points to parameters; energies and observations become sparse information for `planish-estimate`.
+
+mod basis;
+mod geometry;
+mod hierarchy;
+mod surface;
+
+pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
+pub use geometry::Curvature;
+pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
+pub use planish_estimate::{Error, Result};
+pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

@@ -1,0 +1,199 @@
+//! Differential geometry at a surface point: fundamental forms, normals, curvatures and their directions.
+//!
+//! Comes in: a [`Jet`]. Goes out: normal, forms, principal, Gaussian and mean curvature. Curvature is positive where the
+//! surface bends towards its normal, so a sphere with outward normals has κ = −1/r.
+//!
+//! Not guaranteed: values where `S_u × S_v = 0`; on a ball's poles use [`crate::Surface::curvature`], which changes charts.
+//!
+//! # References
+//! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3.
+
+use crate::hierarchy::Shape;
+use crate::surface::{Jet, Surface};
+use planish_estimate::vector3::{cross, dot, norm, scale, tangents, unit};
+
+/// Curvature of a surface at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Curvature {
+    /// Unit normal `S_u × S_v / |S_u × S_v|`.
+    pub normal: [f64; 3],
+    /// Principal curvatures, `principal[0] ≥ principal[1]`.
+    pub principal: [f64; 2],
+    /// Unit principal directions in space, orthogonal to each other and to the normal.
+    pub directions: [[f64; 3]; 2],
+}
+
+impl Curvature {
+    /// Gaussian curvature `K = κ1 κ2`.
+    #[must_use]
+    pub fn gaussian(&self) -> f64 {
+        self.principal[0] * self.principal[1]
+    }
+
+    /// Mean curvature `H = (κ1 + κ2)/2`.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.principal[0] + self.principal[1])
+    }
+
+    /// From the symmetric second fundamental form `[[a, b], [b, c]]` in an orthonormal tangent frame.
+    fn from_orthonormal(normal: [f64; 3], e1: [f64; 3], e2: [f64; 3], [a, b, c]: [f64; 3]) -> Self {
+        let mean = 0.5 * (a + c);
+        let half = 0.5 * (a - c);
+        let radius = half.hypot(b);
+        let angle = 0.5 * b.atan2(half);
+        let (s, co) = angle.sin_cos();
+        let first = [0, 1, 2].map(|d| co * e1[d] + s * e2[d]);
+        Self { normal, principal: [mean + radius, mean - radius], directions: [first, cross(normal, first)] }
+    }
+}
+
+impl Jet {
+    /// First fundamental form `[E, F, G]`.
+    #[must_use]
+    pub fn first_form(&self) -> [f64; 3] {
+        [dot(self.du, self.du), dot(self.du, self.dv), dot(self.dv, self.dv)]
+    }
+
+    /// Unit normal; none where `S_u` and `S_v` are parallel or zero.
+    #[must_use]
+    pub fn normal(&self) -> Option<[f64; 3]> {
+        unit(cross(self.du, self.dv))
+    }
+
+    /// Second fundamental form `[e, f, g]` along a unit normal.
+    #[must_use]
+    pub fn second_form(&self, normal: [f64; 3]) -> [f64; 3] {
+        [dot(self.duu, normal), dot(self.duv, normal), dot(self.dvv, normal)]
+    }
+
+    /// Normal, principal curvatures and directions; none where the parametrisation is singular.
+    #[must_use]
+    pub fn curvature(&self) -> Option<Curvature> {
+        let normal = self.normal()?;
+        // An orthonormal frame with e1 along S_u: S_u = l e1, S_v = m e1 + q e2.
+        let l = norm(self.du);
+        let e1 = scale(1.0 / l, self.du);
+        let e2 = cross(normal, e1);
+        let (m, q) = (dot(self.dv, e1), dot(self.dv, e2));
+        let [e, f, g] = self.second_form(normal);
+        let a = e / (l * l);
+        let b = (f / l - m * a) / q;
+        let c = (g - 2.0 * m * q * b - m * m * a) / (q * q);
+        Some(Curvature::from_orthonormal(normal, e1, e2, [a, b, c]))
+    }
+
+    /// `tr(II R_t)/2`: the mean height above the surface that noise of covariance `R` along the tangent plane feigns,
+    /// to second order. `covariance` is `[xx, xy, xz, yy, yz, zz]`.
+    ///
+    /// On a sphere of radius r and isotropic noise this is `−σ²/r` along the outward normal's curvature sign, so the
+    /// expected signed distance of a noisy point is `−tr(II R_t)/2`.
+    #[must_use]
+    pub fn tangential_bias(&self, curvature: &Curvature, covariance: &[f64; 6]) -> f64 {
+        let [xx, xy, xz, yy, yz, zz] = *covariance;
+        let along = |d: [f64; 3]| {
+            d[0] * (xx * d[0] + 2.0 * xy * d[1] + 2.0 * xz * d[2]) + d[1] * (yy * d[1] + 2.0 * yz * d[2]) + zz * d[2] * d[2]
+        };
+        0.5 * (curvature.principal[0] * along(curvature.directions[0]) + curvature.principal[1] * along(curvature.directions[1]))
+    }
+}
+
+impl Surface {
+    /// Unit normal at `(u, v)`, poles of a ball included; none where the surface is degenerate.
+    #[must_use]
+    pub fn normal(&self, u: f64, v: f64) -> Option<[f64; 3]> {
+        match self.pole_direction(v) {
+            None => self.jet(u, v).normal(),
+            Some(inward) => self.pole_normal(v, inward),
+        }
+    }
+
+    /// Curvature at `(u, v)`, poles of a ball included; none where the surface is degenerate.
+    ///
+    /// A pole is evaluated in the chart of its tangent plane: normal curvatures of the meridians, `S_vv·n/|S_v|²`, give the
+    /// second fundamental form by least squares over directions. A ball is C¹ there, so the form is that of the best quadric.
+    #[must_use]
+    pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
+        let Some(inward) = self.pole_direction(v) else {
+            return self.jet(u, v).curvature();
+        };
+        let normal = self.pole_normal(v, inward)?;
+        let (e1, e2) = tangents(normal);
+        let extent = self.space().extent()[0];
+        let count = 8 * self.space().base()[0];
+        // Least squares for [a, b, c] in a x² + 2 b x y + c y² = κ over unit directions (x, y).
+        let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+        for n in 0..count {
+            let jet = self.jet(extent * n as f64 / count as f64, v);
+            let speed = dot(jet.dv, jet.dv);
+            if speed == 0.0 {
+                return None;
+            }
+            let (x, y) = (dot(jet.dv, e1) / speed.sqrt(), dot(jet.dv, e2) / speed.sqrt());
+            let row = [x * x, 2.0 * x * y, y * y];
+            let kappa = dot(jet.dvv, normal) / speed;
+            for i in 0..3 {
+                r[i] += row[i] * kappa;
+                for j in 0..3 {
+                    m[i][j] += row[i] * row[j];
+                }
+            }
+        }
+        let determinant = dot(m[0], cross(m[1], m[2]));
+        let solve = |k: usize| {
+            let mut n = m;
+            for i in 0..3 {
+                n[i][k] = r[i];
+            }
+            dot(n[0], cross(n[1], n[2])) / determinant
+        };
+        Some(Curvature::from_orthonormal(normal, e1, e2, [solve(0), solve(1), solve(2)]))
+    }
+
+    /// +1 or −1: the way of growing distance from the pole, where `v` is at a pole of a ball.
+    fn pole_direction(&self, v: f64) -> Option<f64> {
+        let extent = self.space().extent()[1];
+        let near = 1e-9 * extent;
+        if self.space().shape() != Shape::Ball {
+            None
+        } else if v <= near {
+            Some(1.0)
+        } else if v >= extent - near {
+            Some(-1.0)
+        } else {
+            None
+        }
+    }
+
+    /// The pole's normal from two meridians a quarter turn apart; `S_u ∝ ∂S_v/∂u · distance`, which fixes the side.
+    fn pole_normal(&self, v: f64, inward: f64) -> Option<[f64; 3]> {
+        let quarter = self.space().extent()[0] / 4.0;
+        let (a, b) = (self.jet(0.0, v).dv, self.jet(quarter, v).dv);
+        // Near the bottom pole S_u ≈ (v) ∂_u S_v: S_u × S_v ∥ b × a; near the top the distance is −(v − n): the side flips
+        // twice, once with the distance and once with nothing else, so the sign is that of the way inward.
+        unit(scale(inward, cross(b, a)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curvature_of_a_quadric_in_a_skew_chart_is_exact() {
+        // z = (p x² + q y²)/2 at the origin with x = u + 0.4 v, y = 2 v.
+        let (p, q) = (1.5, -0.7);
+        let jet = Jet {
+            point: [0.0; 3],
+            du: [1.0, 0.0, 0.0],
+            dv: [0.4, 2.0, 0.0],
+            duu: [0.0, 0.0, p],
+            duv: [0.0, 0.0, 0.4 * p],
+            dvv: [0.0, 0.0, 0.16 * p + 4.0 * q],
+        };
+        let curvature = jet.curvature().unwrap();
+        assert!((curvature.principal[0] - p).abs() < 1e-12 && (curvature.principal[1] - q).abs() < 1e-12);
+        assert!(curvature.directions[0][0].abs() > 1.0 - 1e-12 && curvature.directions[1][1].abs() > 1.0 - 1e-12);
+        assert!((curvature.gaussian() - p * q).abs() < 1e-12 && (curvature.mean() - 0.5 * (p + q)).abs() < 1e-12);
+    }
+}
