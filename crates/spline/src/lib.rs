@@ -3,11 +3,15 @@
 //! The data flow is: a [`Hierarchy`] says which functions live where; a [`Surface`] adds control vertices; foot points tie
 //! measured points to parameters; energies and observations become sparse information for `planish-estimate`.
 
+mod base;
 mod basis;
+mod foot;
 mod geometry;
 mod hierarchy;
 mod surface;
 
+pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
+pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};

@@ -1,0 +1,486 @@
+//! Base shapes: the plane, cylinder, sphere or torus that a surface starts from.
+//!
+//! Comes in: points, with normals where known. Goes out: a [`BaseShape`] with its frame, and from it a [`Surface`] or the
+//! parameters of a point. u runs around the axis, v along it (a ball: from the south pole up), normals point outwards.
+//!
+//! Not guaranteed: that the automatic choice suits a shape that is none of the four; every caller lets users override it.
+
+use crate::hierarchy::{Hierarchy, Shape};
+use crate::surface::Surface;
+use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
+use planish_estimate::{Error, Result};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// A simple surface with a natural (u, v).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BaseShape {
+    /// The topology.
+    pub shape: Shape,
+    /// Middle of the plane, axis midpoint, centre.
+    pub centre: [f64; 3],
+    /// Right-handed orthonormal frame. Sheet: u, v and normal; others: the third is the axis.
+    pub frame: [[f64; 3]; 3],
+    /// Half extents along the frame: sheet `[half u, half v, 0]`; tube `[radius, radius, half length]`; ball `[radii]`;
+    /// torus `[ring radius, ring radius, tube radius]`.
+    pub size: [f64; 3],
+}
+
+impl BaseShape {
+    /// A rectangle with the given centre, unit directions of u and v, and half sides.
+    #[must_use]
+    pub fn plane(centre: [f64; 3], directions: [[f64; 3]; 2], half: [f64; 2]) -> Self {
+        let frame = [directions[0], directions[1], cross(directions[0], directions[1])];
+        Self { shape: Shape::Sheet, centre, frame, size: [half[0], half[1], 0.0] }
+    }
+
+    /// A sphere with its poles on the axis.
+    #[must_use]
+    pub fn sphere(centre: [f64; 3], radius: f64, axis: [f64; 3]) -> Self {
+        let (e1, e2) = tangents(axis);
+        Self { shape: Shape::Ball, centre, frame: [e1, e2, axis], size: [radius; 3] }
+    }
+
+    /// A cylinder about an axis.
+    #[must_use]
+    pub fn cylinder(centre: [f64; 3], axis: [f64; 3], radius: f64, half_length: f64) -> Self {
+        let (e1, e2) = tangents(axis);
+        Self { shape: Shape::Tube, centre, frame: [e1, e2, axis], size: [radius, radius, half_length] }
+    }
+
+    /// A torus about an axis.
+    #[must_use]
+    pub fn torus(centre: [f64; 3], axis: [f64; 3], ring_radius: f64, tube_radius: f64) -> Self {
+        let (e1, e2) = tangents(axis);
+        Self { shape: Shape::Torus, centre, frame: [e1, e2, axis], size: [ring_radius, ring_radius, tube_radius] }
+    }
+
+    /// The point at `(u, v)` in `[0, 1]²`.
+    #[must_use]
+    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+        let [e1, e2, e3] = self.frame;
+        let (sin, cos) = (TAU * u).sin_cos();
+        let local = match self.shape {
+            Shape::Sheet => [(2.0 * u - 1.0) * self.size[0], (2.0 * v - 1.0) * self.size[1], 0.0],
+            Shape::Tube => [self.size[0] * cos, self.size[1] * sin, (2.0 * v - 1.0) * self.size[2]],
+            Shape::Ball => {
+                let (s, c) = (PI * v).sin_cos();
+                [self.size[0] * s * cos, self.size[1] * s * sin, -self.size[2] * c]
+            }
+            Shape::Torus => {
+                let (s, c) = (TAU * v).sin_cos();
+                let r = self.size[0] + self.size[2] * c;
+                [r * cos, r * sin, self.size[2] * s]
+            }
+        };
+        let mut p = self.centre;
+        for (e, x) in [e1, e2, e3].into_iter().zip(local) {
+            p = add_scaled(p, x, e);
+        }
+        p
+    }
+
+    /// `(u, v)` of the base point that a point stands over: its direction from the axis or centre.
+    #[must_use]
+    pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
+        let d = sub(p, self.centre);
+        let [x, y, z] = self.frame.map(|e| dot(e, d));
+        let around = (y / self.size[1]).atan2(x / self.size[0]).rem_euclid(TAU) / TAU;
+        match self.shape {
+            Shape::Sheet => [0.5 + 0.5 * x / self.size[0], 0.5 + 0.5 * y / self.size[1]],
+            Shape::Tube => [around, 0.5 + 0.5 * z / self.size[2]],
+            Shape::Ball => {
+                let r = (x / self.size[0]).hypot(y / self.size[1]);
+                [around, r.atan2(-z / self.size[2]) / PI]
+            }
+            Shape::Torus => [around, z.atan2(x.hypot(y) - self.size[0]).rem_euclid(TAU) / TAU],
+        }
+    }
+
+    /// A base grid with nearly square cells, about `cells` in all.
+    #[must_use]
+    pub fn grid(&self, cells: usize) -> [usize; 2] {
+        let lengths = match self.shape {
+            Shape::Sheet => [2.0 * self.size[0], 2.0 * self.size[1]],
+            Shape::Tube => [TAU * self.size[0], 2.0 * self.size[2]],
+            // Meridians of a long ball are longer than half its waist.
+            Shape::Ball => [PI * (self.size[0] + self.size[1]), 0.5 * PI * (self.size[2] + 0.5 * (self.size[0] + self.size[1]))],
+            Shape::Torus => [TAU * self.size[0], TAU * self.size[2]],
+        };
+        let side = (lengths[0] * lengths[1] / cells as f64).sqrt();
+        let round = |length: f64, least: usize| ((length / side).round() as usize).clamp(least, cells.max(least));
+        match self.shape {
+            Shape::Sheet => [round(lengths[0], 2), round(lengths[1], 2)],
+            Shape::Tube => [round(lengths[0], 6), round(lengths[1], 2)],
+            // Cosine and sine around a pole want at least eight columns.
+            Shape::Ball => [round(lengths[0], 8) & !1, round(lengths[1], 4)],
+            Shape::Torus => [round(lengths[0], 6), round(lengths[1], 6)],
+        }
+    }
+
+    /// A spline surface over a base grid that interpolates this shape's points in the least-squares sense.
+    ///
+    /// # Errors
+    /// As for [`Hierarchy::uniform`].
+    pub fn surface(&self, grid: [usize; 2]) -> Result<Surface> {
+        let space = Arc::new(Hierarchy::uniform(self.shape, grid)?);
+        fit_function(&space, |u, v| self.point(u / grid[0] as f64, v / grid[1] as f64))
+    }
+}
+
+/// The surface of a uniform space that interpolates a smooth function of `(u, v)` at its anchors, up to the space's order.
+///
+/// `f` takes base-grid units and must be defined one cell past open borders and poles. The collocation equations at the
+/// anchors are solved by Richardson iteration `c ← c + f(ξ) − S(ξ)`, which converges because their matrix (1/6, 4/6, 1/6 in
+/// each direction) has its spectrum in (0, 1]. A ball is interpolated as a tube first; its poles are the polar surface
+/// nearest to that tube.
+///
+/// # Errors
+/// `Undetermined` when a value is not finite.
+pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) -> Result<Surface> {
+    if space.shape() == Shape::Ball {
+        let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
+        let vertices = space.vertices_from(|cell| tube.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
+        return Surface::new(Arc::clone(space), vertices);
+    }
+    let anchors = space.node_anchors();
+    let target: Vec<[f64; 3]> = anchors.iter().map(|a| f(a[0], a[1])).collect();
+    if target.iter().flatten().any(|c| !c.is_finite()) {
+        return Err(Error::undetermined("the function to fit is not finite everywhere"));
+    }
+    let mut surface = Surface::new(Arc::clone(space), target.clone())?;
+    for _ in 0..80 {
+        let mut largest = 0.0_f64;
+        let vertices = (0..anchors.len())
+            .map(|n| {
+                let correction = sub(target[n], extrapolate(&surface, anchors[n]));
+                largest = largest.max(norm(correction));
+                add(surface.vertices()[n], correction)
+            })
+            .collect();
+        surface = Surface::new(Arc::clone(space), vertices)?;
+        if largest < 1e-15 * norm(target[0]).max(1e-300) {
+            break;
+        }
+    }
+    Ok(surface)
+}
+
+/// The surface at any parameters, continued past an open border by its own polynomial.
+fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
+    let space = surface.space();
+    let [u0, v0] = space.wrap(u, v);
+    let (leaf, [s, t]) = space.locate(u0, v0);
+    let side = space.leaves()[leaf].side();
+    surface.leaf_point(leaf, s + (if space.shape().periodic_u() { 0.0 } else { u - u0 }) / side, t + (v - v0) / side)
+}
+
+/// Chooses and fits a base shape to points, with outward unit normals where known.
+///
+/// A cloud whose normals all face one way is a sheet; one whose normals are all nearly perpendicular to an axis, and go all
+/// around it, is a tube; every other is a ball. `wanted` overrides the choice. Sizes take in every point.
+///
+/// # Errors
+/// `Undetermined` for fewer than 4 points, points at one place or on one line.
+pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Option<Shape>) -> Result<BaseShape> {
+    if points.len() < 4 {
+        return Err(Error::undetermined(format!("{} points do not determine a surface: at least 4 are needed", points.len())));
+    }
+    let (mean, axes, variances) = principal_axes(points);
+    if variances[0] <= 0.0 {
+        return Err(Error::undetermined("all points lie at one place: they determine no surface"));
+    }
+    if variances[1] <= 1e-12 * variances[0] {
+        return Err(Error::undetermined("all points lie on one line: they determine no surface"));
+    }
+    let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
+    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
+    match shape {
+        Shape::Sheet => {
+            let mut normal = axes[2];
+            let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
+            if let Some(direction) = unit(sum)
+                && norm(sum) > 0.5 * known.len() as f64
+            {
+                // The mean normal sees a sheet that is folded less than its points' flattest direction does.
+                normal = direction;
+            }
+            let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
+            // The frame is turned so that the sheet's sides lie along the smallest box around the points.
+            let (u, v) = smallest_box(points, u, cross(normal, u));
+            let (lo, hi) = bounds(points, [u, v]);
+            let centre = add(
+                add_scaled(add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u), 0.5 * (lo[1] + hi[1]) - dot(mean, v), v),
+                [0.0; 3],
+            );
+            // A margin of half a per cent keeps the outermost points inside.
+            Ok(BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * variances[0].sqrt()))))
+        }
+        Shape::Tube => {
+            let axis = least_normal_axis(&known).unwrap_or(axes[0]);
+            let (e1, e2) = tangents(axis);
+            let centre2 = circle_centre(points, e1, e2);
+            let (lo, hi) = bounds(points, [axis, e1]);
+            let along = 0.5 * (lo[0] + hi[0]);
+            let centre = add(scale(along, axis), add(scale(centre2[0], e1), scale(centre2[1], e2)));
+            let radius = points.iter().map(|p| { let d = sub(*p, centre); dot(d, e1).hypot(dot(d, e2)) }).sum::<f64>() / points.len() as f64;
+            Ok(BaseShape::cylinder(centre, axis, radius, 0.505 * (hi[0] - lo[0])))
+        }
+        Shape::Ball => {
+            let (lo, hi) = bounds3(points, axes);
+            let centre = (0..3).fold([0.0; 3], |c, d| add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]));
+            // The longest direction carries the poles; frame right-handed.
+            let frame = [axes[1], cross(axes[0], axes[1]), axes[0]];
+            let size = [0.5 * (hi[1] - lo[1]), 0.5 * (hi[2] - lo[2]), 0.5 * (hi[0] - lo[0])];
+            let largest = size[0].max(size[1]).max(size[2]);
+            Ok(BaseShape { shape, centre, frame, size: size.map(|s| s.max(0.2 * largest)) })
+        }
+        Shape::Torus => {
+            let axis = axes[2];
+            let centre = (0..3).fold([0.0; 3], |c, d| { let (lo, hi) = bounds3(points, axes); add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]) });
+            let from_axis = |p: &[f64; 3]| { let d = sub(*p, centre); norm(add_scaled(d, -dot(d, axis), axis)) };
+            let (near, far) = points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
+            Ok(BaseShape::torus(centre, axis, 0.5 * (near + far), 0.5 * (far - near).max(0.05 * far)))
+        }
+    }
+}
+
+/// Sheet, tube or ball from the spherical image of the cloud.
+fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
+    if normals.is_empty() {
+        // Nothing but positions: flat clouds are sheets.
+        return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
+    }
+    let count = normals.len() as f64;
+    let mean = scale(1.0 / count, normals.iter().fold([0.0; 3], |s, n| add(s, *n)));
+    if let Some(direction) = unit(mean) {
+        let behind = normals.iter().filter(|n| dot(**n, direction) < 0.1).count() as f64;
+        if norm(mean) > 0.5 && behind < 0.03 * count {
+            return Shape::Sheet;
+        }
+    }
+    if let Some(axis) = least_normal_axis(normals) {
+        let along = normals.iter().map(|n| dot(*n, axis).powi(2)).sum::<f64>() / count;
+        let caps = normals.iter().filter(|n| dot(**n, axis).abs() > 0.8).count() as f64;
+        let (e1, e2) = tangents(axis);
+        let mut sectors = [0_usize; 12];
+        for n in normals {
+            let angle = dot(*n, e2).atan2(dot(*n, e1)).rem_euclid(TAU);
+            sectors[((angle / TAU * 12.0) as usize).min(11)] += 1;
+        }
+        let around = sectors.iter().all(|&s| s as f64 > 0.1 * count / 12.0);
+        if along < 0.12 && caps < 0.02 * count && around {
+            return Shape::Tube;
+        }
+    }
+    Shape::Ball
+}
+
+/// The unit vector most nearly perpendicular to all normals.
+fn least_normal_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
+    if normals.len() < 3 {
+        return None;
+    }
+    let mut m = [0.0; 6];
+    for n in normals {
+        accumulate(&mut m, *n);
+    }
+    let (axes, _) = symmetric_eigen(m);
+    Some(axes[2])
+}
+
+/// Mean, principal axes (right-handed, largest variance first) and variances of a cloud.
+#[must_use]
+pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]) {
+    let count = points.len() as f64;
+    let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
+    let mut m = [0.0; 6];
+    for p in points {
+        accumulate(&mut m, sub(*p, mean));
+    }
+    let (mut axes, values) = symmetric_eigen(m.map(|x| x / count));
+    axes[2] = cross(axes[0], axes[1]);
+    (mean, axes, values)
+}
+
+fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
+    let outer = [d[0] * d[0], d[0] * d[1], d[0] * d[2], d[1] * d[1], d[1] * d[2], d[2] * d[2]];
+    for (s, o) in m.iter_mut().zip(outer) {
+        *s += o;
+    }
+}
+
+/// Unit eigenvectors (largest value first) and eigenvalues of a symmetric `[xx, xy, xz, yy, yz, zz]`, by Jacobi rotations.
+///
+/// Signs are fixed (the largest component is positive) so that equal input gives equal frames.
+#[must_use]
+pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
+    let mut a = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];
+    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    for _ in 0..60 {
+        let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
+        if off <= 1e-300 || off < 1e-17 * (a[0][0].abs() + a[1][1].abs() + a[2][2].abs()) {
+            break;
+        }
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            if a[p][q] == 0.0 {
+                continue;
+            }
+            let theta = 0.5 * (a[q][q] - a[p][p]) / a[p][q];
+            let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
+            let t = if theta == 0.0 { 1.0 } else { t };
+            let c = 1.0 / t.hypot(1.0);
+            let s = t * c;
+            for k in 0..3 {
+                let (x, y) = (a[k][p], a[k][q]);
+                a[k][p] = c * x - s * y;
+                a[k][q] = s * x + c * y;
+            }
+            for k in 0..3 {
+                let (x, y) = (a[p][k], a[q][k]);
+                a[p][k] = c * x - s * y;
+                a[q][k] = s * x + c * y;
+                let (x, y) = (v[p][k], v[q][k]);
+                v[p][k] = c * x - s * y;
+                v[q][k] = s * x + c * y;
+            }
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
+    let axes = order.map(|i| {
+        let e = v[i];
+        let largest = e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
+        scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
+    });
+    (axes, order.map(|i| a[i][i]))
+}
+
+fn bounds(points: &[[f64; 3]], directions: [[f64; 3]; 2]) -> ([f64; 2], [f64; 2]) {
+    points.iter().fold(([f64::MAX; 2], [f64::MIN; 2]), |(lo, hi), p| {
+        let x = directions.map(|e| dot(e, *p));
+        ([0, 1].map(|d| lo[d].min(x[d])), [0, 1].map(|d| hi[d].max(x[d])))
+    })
+}
+
+fn bounds3(points: &[[f64; 3]], directions: [[f64; 3]; 3]) -> ([f64; 3], [f64; 3]) {
+    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+        let x = directions.map(|e| dot(e, *p));
+        ([0, 1, 2].map(|d| lo[d].min(x[d])), [0, 1, 2].map(|d| hi[d].max(x[d])))
+    })
+}
+
+/// u and v turned within their plane to the box of least area, in steps of three degrees.
+fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let stride = points.len().div_ceil(4000);
+    let some: Vec<[f64; 3]> = points.iter().copied().step_by(stride).collect();
+    let turned = |degrees: f64| {
+        let (s, c) = degrees.to_radians().sin_cos();
+        (add(scale(c, u), scale(s, v)), add(scale(-s, u), scale(c, v)))
+    };
+    let area = |degrees: f64| {
+        let (a, b) = turned(degrees);
+        let (lo, hi) = bounds(&some, [a, b]);
+        (hi[0] - lo[0]) * (hi[1] - lo[1])
+    };
+    let best = (-14..=15).map(|k| 3.0 * f64::from(k)).min_by(|a, b| area(*a).total_cmp(&area(*b))).unwrap_or(0.0);
+    turned(best)
+}
+
+/// Centre of the circle that fits the points' projections best (Kåsa's linear fit), in coordinates of e1 and e2.
+fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
+    let count = points.len() as f64;
+    let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
+    let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for p in points {
+        let (x, y) = (dot(*p, e1) - mean[0], dot(*p, e2) - mean[1]);
+        let r = x * x + y * y;
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+        xr += x * r;
+        yr += y * r;
+    }
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 1e-12 * xx * yy {
+        return mean;
+    }
+    [mean[0] + 0.5 * (yy * xr - xy * yr) / determinant, mean[1] + 0.5 * (xx * yr - xy * xr) / determinant]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
+        let r = 2.5;
+        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
+        let mut worst = 0.0_f64;
+        for b in 0..=64 {
+            for a in 0..32 {
+                let curvature = sphere.curvature(2.0 * a as f64 + 0.3, b as f64 / 2.0).unwrap();
+                worst = worst.max((curvature.gaussian() * r * r - 1.0).abs());
+                assert!((curvature.mean() * r + 1.0).abs() < 0.02, "outward normals make H = −1/r, at row {b}");
+            }
+        }
+        assert!(worst < 0.02, "K r² is off by {worst}");
+    }
+
+    #[test]
+    fn parameters_undo_points() {
+        for base in [
+            BaseShape::plane([1.0, 2.0, 3.0], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]),
+            BaseShape::cylinder([1.0, 2.0, 3.0], [0.0, 0.6, 0.8], 2.0, 3.0),
+            BaseShape::sphere([1.0, 2.0, 3.0], 2.0, [0.6, 0.0, 0.8]),
+            BaseShape::torus([1.0, 2.0, 3.0], [0.6, 0.0, 0.8], 3.0, 1.0),
+        ] {
+            for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
+                let back = base.parameters(base.point(u, v));
+                assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12, "{:?}", base.shape);
+            }
+        }
+    }
+
+    #[test]
+    fn shapes_are_told_from_their_clouds() {
+        let sample = |base: BaseShape, u_range: f64| -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+            let mut points = Vec::new();
+            let mut normals = Vec::new();
+            for a in 0..60 {
+                for b in 0..30 {
+                    let (u, v) = (u_range * a as f64 / 60.0, (b as f64 + 0.5) / 30.0);
+                    let h = 1e-5;
+                    let p = base.point(u, v);
+                    let (du, dv) = (sub(base.point(u + h, v), p), sub(base.point(u, v + h), p));
+                    points.push(p);
+                    normals.push(unit(cross(du, dv)).unwrap());
+                }
+            }
+            (points, normals)
+        };
+        let sheet = BaseShape::plane([0.0; 3], [[0.8, 0.6, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]);
+        let tube = BaseShape::cylinder([5.0, 0.0, 0.0], [0.6, 0.0, 0.8], 1.0, 4.0);
+        let ball = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]);
+        for (base, range) in [(sheet, 1.0), (tube, 1.0), (ball, 1.0)] {
+            let (points, normals) = sample(base, range);
+            let found = choose_base_shape(&points, &normals, None).unwrap();
+            assert_eq!(found.shape, base.shape);
+            if base.shape == Shape::Tube {
+                assert!((found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999);
+            }
+        }
+        // A quarter of a cylinder is a bent sheet.
+        let (points, normals) = sample(tube, 0.25);
+        assert_eq!(choose_base_shape(&points, &normals, None).unwrap().shape, Shape::Sheet);
+    }
+
+    #[test]
+    fn too_few_or_collinear_points_are_undetermined() {
+        use planish_estimate::ErrorKind;
+        let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
+        for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
+            assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
+        }
+    }
+}

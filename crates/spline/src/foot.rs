@@ -1,0 +1,236 @@
+//! Foot points: the parameters of the surface point nearest to a measured one.
+//!
+//! Comes in: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Goes out: a [`FootPoint`]
+//! with leaf, local coordinates, jet and signed distance.
+//!
+//! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search starts it at the
+//! sample whose position and normal agree best, which tells the two sides of a thin part apart.
+
+use crate::surface::{Jet, Surface};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_estimate::vector3::{dot, norm, scale, sub};
+use planish_estimate::{Error, Result};
+
+/// Where a measured point projects to.
+#[derive(Debug, Clone, Copy)]
+pub struct FootPoint {
+    /// The leaf of the foot point.
+    pub leaf: u32,
+    /// Coordinates inside the leaf, in `[0, 1]²`.
+    pub local: [f64; 2],
+    /// Point and derivatives there.
+    pub jet: Jet,
+    /// Unit normal there (zero where the surface is degenerate).
+    pub normal: [f64; 3],
+    /// Signed distance of the measured point along the normal.
+    pub height: f64,
+    /// Distance of the measured point from the normal line: zero up to the tolerance unless the foot point is held at a border.
+    pub slip: f64,
+    /// Whether the foot point lies on the border of an open surface with the measured point beyond it.
+    pub at_border: bool,
+    /// Whether the iteration met its tolerance.
+    pub converged: bool,
+}
+
+/// When a projection stops.
+#[derive(Debug, Clone, Copy)]
+pub struct ProjectionOptions {
+    /// Steps at most.
+    pub max_steps: usize,
+    /// A step shorter than this share of the leaf's side ends the iteration.
+    pub relative_tolerance: f64,
+}
+
+impl Default for ProjectionOptions {
+    fn default() -> Self {
+        // A foot point off by h changes the height by κh²/2: 1e-5 of a cell is far below every noise.
+        Self { max_steps: 20, relative_tolerance: 1e-5 }
+    }
+}
+
+impl Surface {
+    /// The foot point of `z`, by damped Newton from `(u, v)`.
+    ///
+    /// Minimises `|S(u, v) − z|²/2`: full Newton where the Hessian is positive definite, Gauss–Newton elsewhere; each step is
+    /// halved until the distance falls. Cells are crossed freely; open borders hold the foot point.
+    ///
+    /// Cost: a few jets; typically 3 from a neighbouring sample and 1 when the surface has hardly moved.
+    #[must_use]
+    pub fn project(&self, z: [f64; 3], [u, v]: [f64; 2], options: &ProjectionOptions) -> FootPoint {
+        let space = self.space();
+        let extent = space.extent();
+        let shape = space.shape();
+        let open = [!shape.periodic_u(), !shape.periodic_v() && !shape.polar()];
+        let mut at = space.wrap(u, v);
+        let (mut leaf, mut local) = space.locate(at[0], at[1]);
+        let mut jet = self.leaf_jet(leaf, local[0], local[1]);
+        let mut distance2 = squared(sub(jet.point, z));
+        let mut converged = false;
+        let mut held = [false; 2];
+        for _ in 0..options.max_steps {
+            let side = space.leaves()[leaf].side();
+            let r = sub(jet.point, z);
+            let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+            for d in 0..2 {
+                held[d] = open[d]
+                    && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
+            }
+            let step = newton_step(&jet, r, gradient, held);
+            // No further than two cells at once: the model of the distance is local.
+            let longest = step[0].abs().max(step[1].abs());
+            if longest == 0.0 {
+                converged = true;
+                break;
+            }
+            let mut share = (2.0 * side / longest).min(1.0);
+            let mut moved = false;
+            for _ in 0..6 {
+                let mut next = [at[0] + share * step[0], at[1] + share * step[1]];
+                for d in 0..2 {
+                    if open[d] {
+                        next[d] = next[d].clamp(0.0, extent[d]);
+                    }
+                }
+                let next = space.wrap(next[0], next[1]);
+                let (next_leaf, next_local) = space.locate(next[0], next[1]);
+                let next_jet = self.leaf_jet(next_leaf, next_local[0], next_local[1]);
+                let next2 = squared(sub(next_jet.point, z));
+                if next2 <= distance2 * (1.0 + 1e-12) {
+                    (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);
+                    moved = true;
+                    break;
+                }
+                share *= 0.35;
+            }
+            if !moved || longest * share < options.relative_tolerance * side {
+                converged = true;
+                break;
+            }
+        }
+        let normal = jet.normal().unwrap_or([0.0; 3]);
+        let offset = sub(z, jet.point);
+        let height = dot(offset, normal);
+        FootPoint {
+            leaf: leaf as u32,
+            local,
+            jet,
+            normal,
+            height,
+            slip: norm(sub(offset, scale(height, normal))),
+            at_border: held[0] || held[1],
+            converged,
+        }
+    }
+}
+
+fn squared(a: [f64; 3]) -> f64 {
+    dot(a, a)
+}
+
+/// `−H⁻¹ g`, directions that are held left out.
+fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2] {
+    let [e, f, gg] = jet.first_form();
+    let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), gg + dot(jet.dvv, r)];
+    let one = |a: f64, a_full: f64, g: f64| {
+        let a = if a_full > 0.1 * a { a_full } else { a };
+        if a > 0.0 { -g / a } else { 0.0 }
+    };
+    match held {
+        [true, true] => [0.0; 2],
+        [true, false] => [0.0, one(gg, full[2], g[1])],
+        [false, true] => [one(e, full[0], g[0]), 0.0],
+        [false, false] => {
+            let area2 = e * gg - f * f;
+            let determinant = full[0] * full[2] - full[1] * full[1];
+            let [a, b, c, det] = if full[0] > 0.0 && determinant > 0.05 * area2 {
+                [full[0], full[1], full[2], determinant]
+            } else {
+                [e, f, gg, area2]
+            };
+            if det > 1e-14 * a * c {
+                [-(c * g[0] - b * g[1]) / det, -(a * g[1] - b * g[0]) / det]
+            } else {
+                [0.0, one(gg, full[2], g[1])]
+            }
+        }
+    }
+}
+
+/// Finds starting parameters for projections: samples of the surface in a tree over position and scaled normal.
+pub struct FootPointSearch {
+    tree: ImmutableKdTree<f64, 6>,
+    parameters: Vec<[f64; 2]>,
+    normal_scale: f64,
+}
+
+impl FootPointSearch {
+    /// Samples every leaf at `per_side × per_side` points.
+    ///
+    /// `normal_scale` is the length that opposite unit vectors are worth: two samples with opposite normals are set
+    /// `2 · normal_scale` apart. Zero searches by position alone.
+    ///
+    /// # Errors
+    /// `Undetermined` when no sample of the surface is usable.
+    pub fn new(surface: &Surface, per_side: usize, normal_scale: f64) -> Result<Self> {
+        let space = surface.space();
+        let (mut samples, mut parameters) = (Vec::new(), Vec::new());
+        for leaf in 0..space.leaves().len() {
+            for b in 0..per_side {
+                for a in 0..per_side {
+                    let local = [a, b].map(|k| (k as f64 + 0.5) / per_side as f64);
+                    let jet = surface.leaf_jet(leaf, local[0], local[1]);
+                    let normal = scale(normal_scale, jet.normal().unwrap_or([0.0; 3]));
+                    let p = jet.point;
+                    let sample = [p[0], p[1], p[2], normal[0], normal[1], normal[2]];
+                    if sample.iter().all(|c| c.is_finite()) {
+                        samples.push(sample);
+                        parameters.push(space.parameters(leaf, local));
+                    }
+                }
+            }
+        }
+        if samples.is_empty() {
+            return Err(Error::undetermined("the surface has no point to search from"));
+        }
+        let tree = ImmutableKdTree::new_from_slice(&samples)
+            .map_err(|e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}")))?;
+        Ok(Self { tree, parameters, normal_scale })
+    }
+
+    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown).
+    #[must_use]
+    pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
+        let n = scale(self.normal_scale, normal);
+        let query = [z[0], z[1], z[2], n[0], n[1], n[2]];
+        let found = self.tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute();
+        self.parameters[found.item as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::BaseShape;
+
+    #[test]
+    fn projections_onto_a_sphere_point_to_its_centre_poles_included() {
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
+        let search = FootPointSearch::new(&sphere, 2, 0.5).unwrap();
+        for n in 0..500 {
+            let z = 1.0 - 2.0 * (n as f64 + 0.5) / 500.0;
+            let a = n as f64 * 2.399_963;
+            let r = 1.0_f64 - z * z;
+            let p = scale(1.1, [r.sqrt() * a.cos(), r.sqrt() * a.sin(), z]);
+            let foot = sphere.project(p, search.nearest(p, scale(1.0 / 1.1, p)), &ProjectionOptions::default());
+            assert!(foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4, "{p:?} {foot:?}");
+        }
+    }
+
+    #[test]
+    fn points_beyond_an_open_border_are_held_there() {
+        let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 1.0]).surface([4, 4]).unwrap();
+        let foot = sheet.project([1.4, 0.3, 0.1], [2.0, 2.0], &ProjectionOptions::default());
+        assert!(foot.at_border && (foot.jet.point[0] - 1.0).abs() < 1e-9 && (foot.jet.point[1] - 0.3).abs() < 1e-6);
+        assert!((foot.slip - 0.4).abs() < 1e-6);
+    }
+}
