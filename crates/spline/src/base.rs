@@ -31,28 +31,48 @@ impl BaseShape {
     #[must_use]
     pub fn plane(centre: [f64; 3], directions: [[f64; 3]; 2], half: [f64; 2]) -> Self {
         let frame = [directions[0], directions[1], cross(directions[0], directions[1])];
-        Self { shape: Shape::Sheet, centre, frame, size: [half[0], half[1], 0.0] }
+        Self {
+            shape: Shape::Sheet,
+            centre,
+            frame,
+            size: [half[0], half[1], 0.0],
+        }
     }
 
     /// A sphere with its poles on the axis.
     #[must_use]
     pub fn sphere(centre: [f64; 3], radius: f64, axis: [f64; 3]) -> Self {
         let (e1, e2) = tangents(axis);
-        Self { shape: Shape::Ball, centre, frame: [e1, e2, axis], size: [radius; 3] }
+        Self {
+            shape: Shape::Ball,
+            centre,
+            frame: [e1, e2, axis],
+            size: [radius; 3],
+        }
     }
 
     /// A cylinder about an axis.
     #[must_use]
     pub fn cylinder(centre: [f64; 3], axis: [f64; 3], radius: f64, half_length: f64) -> Self {
         let (e1, e2) = tangents(axis);
-        Self { shape: Shape::Tube, centre, frame: [e1, e2, axis], size: [radius, radius, half_length] }
+        Self {
+            shape: Shape::Tube,
+            centre,
+            frame: [e1, e2, axis],
+            size: [radius, radius, half_length],
+        }
     }
 
     /// A torus about an axis.
     #[must_use]
     pub fn torus(centre: [f64; 3], axis: [f64; 3], ring_radius: f64, tube_radius: f64) -> Self {
         let (e1, e2) = tangents(axis);
-        Self { shape: Shape::Torus, centre, frame: [e1, e2, axis], size: [ring_radius, ring_radius, tube_radius] }
+        Self {
+            shape: Shape::Torus,
+            centre,
+            frame: [e1, e2, axis],
+            size: [ring_radius, ring_radius, tube_radius],
+        }
     }
 
     /// The point at `(u, v)` in `[0, 1]²`.
@@ -104,7 +124,10 @@ impl BaseShape {
             Shape::Sheet => [2.0 * self.size[0], 2.0 * self.size[1]],
             Shape::Tube => [TAU * self.size[0], 2.0 * self.size[2]],
             // Meridians of a long ball are longer than half its waist.
-            Shape::Ball => [PI * (self.size[0] + self.size[1]), 0.5 * PI * (self.size[2] + 0.5 * (self.size[0] + self.size[1]))],
+            Shape::Ball => [
+                PI * (self.size[0] + self.size[1]),
+                0.5 * PI * (self.size[2] + 0.5 * (self.size[0] + self.size[1])),
+            ],
             Shape::Torus => [TAU * self.size[0], TAU * self.size[2]],
         };
         let side = (lengths[0] * lengths[1] / cells as f64).sqrt();
@@ -172,7 +195,11 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
     let [u0, v0] = space.wrap(u, v);
     let (leaf, [s, t]) = space.locate(u0, v0);
     let side = space.leaves()[leaf].side();
-    surface.leaf_point(leaf, s + (if space.shape().periodic_u() { 0.0 } else { u - u0 }) / side, t + (v - v0) / side)
+    surface.leaf_point(
+        leaf,
+        s + (if space.shape().periodic_u() { 0.0 } else { u - u0 }) / side,
+        t + (v - v0) / side,
+    )
 }
 
 /// Chooses and fits a base shape to points, with outward unit normals where known.
@@ -184,14 +211,21 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
 /// `Undetermined` for fewer than 4 points, points at one place or on one line.
 pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Option<Shape>) -> Result<BaseShape> {
     if points.len() < 4 {
-        return Err(Error::undetermined(format!("{} points do not determine a surface: at least 4 are needed", points.len())));
+        return Err(Error::undetermined(format!(
+            "{} points do not determine a surface: at least 4 are needed",
+            points.len()
+        )));
     }
     let (mean, axes, variances) = principal_axes(points);
     if variances[0] <= 0.0 {
-        return Err(Error::undetermined("all points lie at one place: they determine no surface"));
+        return Err(Error::undetermined(
+            "all points lie at one place: they determine no surface",
+        ));
     }
     if variances[1] <= 1e-12 * variances[0] {
-        return Err(Error::undetermined("all points lie on one line: they determine no surface"));
+        return Err(Error::undetermined(
+            "all points lie on one line: they determine no surface",
+        ));
     }
     let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
     let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
@@ -210,11 +244,19 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
             let (u, v) = smallest_box(points, u, cross(normal, u));
             let (lo, hi) = bounds(points, [u, v]);
             let centre = add(
-                add_scaled(add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u), 0.5 * (lo[1] + hi[1]) - dot(mean, v), v),
+                add_scaled(
+                    add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
+                    0.5 * (lo[1] + hi[1]) - dot(mean, v),
+                    v,
+                ),
                 [0.0; 3],
             );
             // A margin of half a per cent keeps the outermost points inside.
-            Ok(BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * variances[0].sqrt()))))
+            Ok(BaseShape::plane(
+                centre,
+                [u, v],
+                [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * variances[0].sqrt())),
+            ))
         }
         Shape::Tube => {
             let axis = least_normal_axis(&known).unwrap_or(axes[0]);
@@ -223,7 +265,14 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
             let (lo, hi) = bounds(points, [axis, e1]);
             let along = 0.5 * (lo[0] + hi[0]);
             let centre = add(scale(along, axis), add(scale(centre2[0], e1), scale(centre2[1], e2)));
-            let radius = points.iter().map(|p| { let d = sub(*p, centre); dot(d, e1).hypot(dot(d, e2)) }).sum::<f64>() / points.len() as f64;
+            let radius = points
+                .iter()
+                .map(|p| {
+                    let d = sub(*p, centre);
+                    dot(d, e1).hypot(dot(d, e2))
+                })
+                .sum::<f64>()
+                / points.len() as f64;
             Ok(BaseShape::cylinder(centre, axis, radius, 0.505 * (hi[0] - lo[0])))
         }
         Shape::Ball => {
@@ -233,14 +282,33 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
             let frame = [axes[1], cross(axes[0], axes[1]), axes[0]];
             let size = [0.5 * (hi[1] - lo[1]), 0.5 * (hi[2] - lo[2]), 0.5 * (hi[0] - lo[0])];
             let largest = size[0].max(size[1]).max(size[2]);
-            Ok(BaseShape { shape, centre, frame, size: size.map(|s| s.max(0.2 * largest)) })
+            Ok(BaseShape {
+                shape,
+                centre,
+                frame,
+                size: size.map(|s| s.max(0.2 * largest)),
+            })
         }
         Shape::Torus => {
             let axis = axes[2];
-            let centre = (0..3).fold([0.0; 3], |c, d| { let (lo, hi) = bounds3(points, axes); add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]) });
-            let from_axis = |p: &[f64; 3]| { let d = sub(*p, centre); norm(add_scaled(d, -dot(d, axis), axis)) };
-            let (near, far) = points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
-            Ok(BaseShape::torus(centre, axis, 0.5 * (near + far), 0.5 * (far - near).max(0.05 * far)))
+            let centre = (0..3).fold([0.0; 3], |c, d| {
+                let (lo, hi) = bounds3(points, axes);
+                add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d])
+            });
+            let from_axis = |p: &[f64; 3]| {
+                let d = sub(*p, centre);
+                norm(add_scaled(d, -dot(d, axis), axis))
+            };
+            let (near, far) = points
+                .iter()
+                .map(from_axis)
+                .fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
+            Ok(BaseShape::torus(
+                centre,
+                axis,
+                0.5 * (near + far),
+                0.5 * (far - near).max(0.05 * far),
+            ))
         }
     }
 }
@@ -249,7 +317,11 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
 fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
         // Nothing but positions: flat clouds are sheets.
-        return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
+        return if variances[2] < 0.05 * variances[1] {
+            Shape::Sheet
+        } else {
+            Shape::Ball
+        };
     }
     let count = normals.len() as f64;
     let mean = scale(1.0 / count, normals.iter().fold([0.0; 3], |s, n| add(s, *n)));
@@ -304,7 +376,14 @@ pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]
 }
 
 fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
-    let outer = [d[0] * d[0], d[0] * d[1], d[0] * d[2], d[1] * d[1], d[1] * d[2], d[2] * d[2]];
+    let outer = [
+        d[0] * d[0],
+        d[0] * d[1],
+        d[0] * d[2],
+        d[1] * d[1],
+        d[1] * d[2],
+        d[2] * d[2],
+    ];
     for (s, o) in m.iter_mut().zip(outer) {
         *s += o;
     }
@@ -350,7 +429,10 @@ pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
     order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
     let axes = order.map(|i| {
         let e = v[i];
-        let largest = e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
+        let largest = e
+            .iter()
+            .copied()
+            .fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
         scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
     });
     (axes, order.map(|i| a[i][i]))
@@ -383,14 +465,19 @@ fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f6
         let (lo, hi) = bounds(&some, [a, b]);
         (hi[0] - lo[0]) * (hi[1] - lo[1])
     };
-    let best = (-14..=15).map(|k| 3.0 * f64::from(k)).min_by(|a, b| area(*a).total_cmp(&area(*b))).unwrap_or(0.0);
+    let best = (-14..=15)
+        .map(|k| 3.0 * f64::from(k))
+        .min_by(|a, b| area(*a).total_cmp(&area(*b)))
+        .unwrap_or(0.0);
     turned(best)
 }
 
 /// Centre of the circle that fits the points' projections best (Kåsa's linear fit), in coordinates of e1 and e2.
 fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     let count = points.len() as f64;
-    let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
+    let mean = points.iter().fold([0.0; 2], |m, p| {
+        [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]
+    });
     let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points {
         let (x, y) = (dot(*p, e1) - mean[0], dot(*p, e2) - mean[1]);
@@ -405,7 +492,10 @@ fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     if determinant <= 1e-12 * xx * yy {
         return mean;
     }
-    [mean[0] + 0.5 * (yy * xr - xy * yr) / determinant, mean[1] + 0.5 * (xx * yr - xy * xr) / determinant]
+    [
+        mean[0] + 0.5 * (yy * xr - xy * yr) / determinant,
+        mean[1] + 0.5 * (xx * yr - xy * xr) / determinant,
+    ]
 }
 
 #[cfg(test)]
@@ -415,13 +505,18 @@ mod tests {
     #[test]
     fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
         let r = 2.5;
-        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
+        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8])
+            .surface([64, 32])
+            .unwrap();
         let mut worst = 0.0_f64;
         for b in 0..=64 {
             for a in 0..32 {
                 let curvature = sphere.curvature(2.0 * a as f64 + 0.3, b as f64 / 2.0).unwrap();
                 worst = worst.max((curvature.gaussian() * r * r - 1.0).abs());
-                assert!((curvature.mean() * r + 1.0).abs() < 0.02, "outward normals make H = −1/r, at row {b}");
+                assert!(
+                    (curvature.mean() * r + 1.0).abs() < 0.02,
+                    "outward normals make H = −1/r, at row {b}"
+                );
             }
         }
         assert!(worst < 0.02, "K r² is off by {worst}");
@@ -437,7 +532,11 @@ mod tests {
         ] {
             for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
                 let back = base.parameters(base.point(u, v));
-                assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12, "{:?}", base.shape);
+                assert!(
+                    (back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12,
+                    "{:?}",
+                    base.shape
+                );
             }
         }
     }
@@ -480,7 +579,10 @@ mod tests {
         use planish_estimate::ErrorKind;
         let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
         for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
-            assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
+            assert_eq!(
+                choose_base_shape(cloud, &[], None).unwrap_err().kind(),
+                ErrorKind::Undetermined
+            );
         }
     }
 }

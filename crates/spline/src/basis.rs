@@ -49,11 +49,15 @@ impl UniformBasis {
     /// where a function would meet itself.
     pub fn new(degree: usize, cells: usize, end: End) -> Result<Self> {
         if degree > MAX_DEGREE {
-            return Err(Error::input(format!("degree {degree} is above {MAX_DEGREE}, the highest served")));
+            return Err(Error::input(format!(
+                "degree {degree} is above {MAX_DEGREE}, the highest served"
+            )));
         }
         let least = if end == End::Periodic { degree + 1 } else { 1 };
         if cells < least {
-            return Err(Error::input(format!("{cells} cells, but degree {degree} needs at least {least} here")));
+            return Err(Error::input(format!(
+                "{cells} cells, but degree {degree} needs at least {least} here"
+            )));
         }
         Ok(Self { degree, cells, end })
     }
@@ -145,8 +149,15 @@ impl UniformBasis {
     /// When `coefficients` has not one entry for each function.
     #[must_use]
     pub fn refine(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(coefficients.len(), self.functions(), "one coefficient for each function");
-        let fine = Self { cells: 2 * self.cells, ..*self };
+        assert_eq!(
+            coefficients.len(),
+            self.functions(),
+            "one coefficient for each function"
+        );
+        let fine = Self {
+            cells: 2 * self.cells,
+            ..*self
+        };
         let mut out = vec![0.0; fine.functions()];
         for (i, &c) in coefficients.iter().enumerate() {
             for (m, w) in self.two_scale().iter().enumerate() {
@@ -208,7 +219,11 @@ pub fn cubic(t: f64) -> [[f64; 4]; 4] {
 pub fn cubic_half(c: [f64; 4], half: usize) -> [f64; 4] {
     let edge = [(c[0] + c[1]) / 2.0, (c[1] + c[2]) / 2.0, (c[2] + c[3]) / 2.0];
     let vertex = [(c[0] + 6.0 * c[1] + c[2]) / 8.0, (c[1] + 6.0 * c[2] + c[3]) / 8.0];
-    if half == 0 { [edge[0], vertex[0], edge[1], vertex[1]] } else { [vertex[0], edge[1], vertex[1], edge[2]] }
+    if half == 0 {
+        [edge[0], vertex[0], edge[1], vertex[1]]
+    } else {
+        [vertex[0], edge[1], vertex[1], edge[2]]
+    }
 }
 
 /// Bézier ordinates of a cubic cell from its four B-spline coefficients.
@@ -249,7 +264,10 @@ mod tests {
                     let exact = basis.derivatives(t, order);
                     let (a, b) = (basis.derivatives(t - h, order - 1), basis.derivatives(t + h, order - 1));
                     for k in 0..=degree {
-                        assert!((exact[k] - (b[k] - a[k]) / (2.0 * h)).abs() < 1e-6, "degree {degree} order {order}");
+                        assert!(
+                            (exact[k] - (b[k] - a[k]) / (2.0 * h)).abs() < 1e-6,
+                            "degree {degree} order {order}"
+                        );
                     }
                     assert!(exact.iter().sum::<f64>().abs() < 1e-12);
                 }
@@ -281,7 +299,9 @@ mod tests {
                 let coefficients: Vec<f64> = (0..basis.functions()).map(|i| ((i * i) as f64).sin()).collect();
                 let refined = basis.refine(&coefficients);
                 let at = |b: &UniformBasis, c: &[f64], cell: usize, t: f64| -> f64 {
-                    (0..=degree).map(|k| b.values(t)[k] * c[b.function_on_cell(cell, k)]).sum()
+                    (0..=degree)
+                        .map(|k| b.values(t)[k] * c[b.function_on_cell(cell, k)])
+                        .sum()
                 };
                 for cell in 0..6 {
                     for (half, t) in [(0, 0.3), (1, 0.8)] {

@@ -44,7 +44,10 @@ pub struct ProjectionOptions {
 impl Default for ProjectionOptions {
     fn default() -> Self {
         // A foot point off by h changes the height by κh²/2: 1e-5 of a cell is far below every noise.
-        Self { max_steps: 20, relative_tolerance: 1e-5 }
+        Self {
+            max_steps: 20,
+            relative_tolerance: 1e-5,
+        }
     }
 }
 
@@ -72,8 +75,7 @@ impl Surface {
             let r = sub(jet.point, z);
             let gradient = [dot(jet.du, r), dot(jet.dv, r)];
             for d in 0..2 {
-                held[d] = open[d]
-                    && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
+                held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
             }
             let step = newton_step(&jet, r, gradient, held);
             // No further than two cells at once: the model of the distance is local.
@@ -194,7 +196,11 @@ impl FootPointSearch {
         }
         let tree = ImmutableKdTree::new_from_slice(&samples)
             .map_err(|e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}")))?;
-        Ok(Self { tree, parameters, normal_scale })
+        Ok(Self {
+            tree,
+            parameters,
+            normal_scale,
+        })
     }
 
     /// Parameters of the sample nearest to a point with this normal (zero where it is unknown).
@@ -214,7 +220,9 @@ mod tests {
 
     #[test]
     fn projections_onto_a_sphere_point_to_its_centre_poles_included() {
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
+            .surface([32, 16])
+            .unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.5).unwrap();
         for n in 0..500 {
             let z = 1.0 - 2.0 * (n as f64 + 0.5) / 500.0;
@@ -222,13 +230,18 @@ mod tests {
             let r = 1.0_f64 - z * z;
             let p = scale(1.1, [r.sqrt() * a.cos(), r.sqrt() * a.sin(), z]);
             let foot = sphere.project(p, search.nearest(p, scale(1.0 / 1.1, p)), &ProjectionOptions::default());
-            assert!(foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4, "{p:?} {foot:?}");
+            assert!(
+                foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4,
+                "{p:?} {foot:?}"
+            );
         }
     }
 
     #[test]
     fn points_beyond_an_open_border_are_held_there() {
-        let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 1.0]).surface([4, 4]).unwrap();
+        let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 1.0])
+            .surface([4, 4])
+            .unwrap();
         let foot = sheet.project([1.4, 0.3, 0.1], [2.0, 2.0], &ProjectionOptions::default());
         assert!(foot.at_border && (foot.jet.point[0] - 1.0).abs() < 1e-9 && (foot.jet.point[1] - 0.3).abs() < 1e-6);
         assert!((foot.slip - 0.4).abs() < 1e-6);

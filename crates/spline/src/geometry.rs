@@ -44,7 +44,11 @@ impl Curvature {
         let angle = 0.5 * b.atan2(half);
         let (s, co) = angle.sin_cos();
         let first = [0, 1, 2].map(|d| co * e1[d] + s * e2[d]);
-        Self { normal, principal: [mean + radius, mean - radius], directions: [first, cross(normal, first)] }
+        Self {
+            normal,
+            principal: [mean + radius, mean - radius],
+            directions: [first, cross(normal, first)],
+        }
     }
 }
 
@@ -92,9 +96,12 @@ impl Jet {
     pub fn tangential_bias(&self, curvature: &Curvature, covariance: &[f64; 6]) -> f64 {
         let [xx, xy, xz, yy, yz, zz] = *covariance;
         let along = |d: [f64; 3]| {
-            d[0] * (xx * d[0] + 2.0 * xy * d[1] + 2.0 * xz * d[2]) + d[1] * (yy * d[1] + 2.0 * yz * d[2]) + zz * d[2] * d[2]
+            d[0] * (xx * d[0] + 2.0 * xy * d[1] + 2.0 * xz * d[2])
+                + d[1] * (yy * d[1] + 2.0 * yz * d[2])
+                + zz * d[2] * d[2]
         };
-        0.5 * (curvature.principal[0] * along(curvature.directions[0]) + curvature.principal[1] * along(curvature.directions[1]))
+        0.5 * (curvature.principal[0] * along(curvature.directions[0])
+            + curvature.principal[1] * along(curvature.directions[1]))
     }
 }
 
@@ -147,7 +154,12 @@ impl Surface {
             }
             dot(n[0], cross(n[1], n[2])) / determinant
         };
-        Some(Curvature::from_orthonormal(normal, e1, e2, [solve(0), solve(1), solve(2)]))
+        Some(Curvature::from_orthonormal(
+            normal,
+            e1,
+            e2,
+            [solve(0), solve(1), solve(2)],
+        ))
     }
 
     /// +1 or −1: the way of growing distance from the pole, where `v` is at a pole of a ball.

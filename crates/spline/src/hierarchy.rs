@@ -63,7 +63,9 @@ impl Shape {
     /// The shape of that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus].into_iter().find(|shape| shape.name() == name)
+        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus]
+            .into_iter()
+            .find(|shape| shape.name() == name)
     }
 }
 
@@ -125,7 +127,11 @@ struct PoleMap {
 }
 
 /// The angles at which the three pole vertices sit.
-const POLE_ANGLES: [f64; 3] = [0.0, 2.0 * std::f64::consts::FRAC_PI_3, 4.0 * std::f64::consts::FRAC_PI_3];
+const POLE_ANGLES: [f64; 3] = [
+    0.0,
+    2.0 * std::f64::consts::FRAC_PI_3,
+    4.0 * std::f64::consts::FRAC_PI_3,
+];
 
 impl PoleMap {
     /// Weights of the three pole nodes in the ring-1 coefficient `β1_i = p + a cos_i + b sin_i`,
@@ -141,7 +147,10 @@ impl Hierarchy {
     /// # Errors
     /// `Input` when a periodic direction has fewer than 4 cells, a ball fewer than 4 rows, or another direction none.
     pub fn uniform(shape: Shape, base: [usize; 2]) -> Result<Self> {
-        let least = [if shape.periodic_u() { 4 } else { 1 }, if shape.periodic_v() || shape.polar() { 4 } else { 1 }];
+        let least = [
+            if shape.periodic_u() { 4 } else { 1 },
+            if shape.periodic_v() || shape.polar() { 4 } else { 1 },
+        ];
         for d in 0..2 {
             if base[d] < least[d] {
                 return Err(Error::input(format!(
@@ -154,7 +163,10 @@ impl Hierarchy {
                 )));
             }
             if base[d] > 1 << 14 {
-                return Err(Error::input(format!("a base grid of {} × {} cells is too large", base[0], base[1])));
+                return Err(Error::input(format!(
+                    "a base grid of {} × {} cells is too large",
+                    base[0], base[1]
+                )));
             }
         }
         let split = vec![vec![false; base[0] * base[1]]];
@@ -171,7 +183,9 @@ impl Hierarchy {
         for &cell in leaves {
             let [n, m] = grid(base, usize::from(cell.level).min(MAX_LEVEL));
             if usize::from(cell.level) > MAX_LEVEL || cell.i as usize >= n || cell.j as usize >= m {
-                return Err(Error::input(format!("cell {cell:?} lies outside the base grid {base:?}")));
+                return Err(Error::input(format!(
+                    "cell {cell:?} lies outside the base grid {base:?}"
+                )));
             }
             let (mut i, mut j) = (cell.i as usize, cell.j as usize);
             for level in (0..usize::from(cell.level)).rev() {
@@ -246,7 +260,11 @@ impl Hierarchy {
     /// Number of levels in use, at least 1.
     #[must_use]
     pub fn levels(&self) -> usize {
-        self.leaves.iter().map(|cell| usize::from(cell.level) + 1).max().unwrap_or(1)
+        self.leaves
+            .iter()
+            .map(|cell| usize::from(cell.level) + 1)
+            .max()
+            .unwrap_or(1)
     }
 
     /// The leaf cells, in the order of their numbers.
@@ -307,8 +325,16 @@ impl Hierarchy {
                 u += nu / 2.0;
             }
         }
-        u = if self.shape.periodic_u() { u.rem_euclid(nu) } else { u.clamp(0.0, nu) };
-        v = if self.shape.periodic_v() { v.rem_euclid(nv) } else { v.clamp(0.0, nv) };
+        u = if self.shape.periodic_u() {
+            u.rem_euclid(nu)
+        } else {
+            u.clamp(0.0, nu)
+        };
+        v = if self.shape.periodic_v() {
+            v.rem_euclid(nv)
+        } else {
+            v.clamp(0.0, nv)
+        };
         [u, v]
     }
 
@@ -317,7 +343,10 @@ impl Hierarchy {
     pub fn parameters(&self, leaf: usize, local: [f64; 2]) -> [f64; 2] {
         let cell = self.leaves[leaf];
         let side = cell.side();
-        [(f64::from(cell.i) + local[0]) * side, (f64::from(cell.j) + local[1]) * side]
+        [
+            (f64::from(cell.i) + local[0]) * side,
+            (f64::from(cell.j) + local[1]) * side,
+        ]
     }
 
     /// The leaf that is this cell or contains it; none where the cell itself is split further.
@@ -387,7 +416,12 @@ impl Hierarchy {
                 if let Some(&n) = index.get(&function)
                     && of_function[n].is_none()
                 {
-                    let c = *local.get_or_insert_with(|| coefficients(Cell { level: level as u8, ..cell }));
+                    let c = *local.get_or_insert_with(|| {
+                        coefficients(Cell {
+                            level: level as u8,
+                            ..cell
+                        })
+                    });
                     of_function[n] = Some(c[k]);
                 }
             }
@@ -473,7 +507,11 @@ impl Hierarchy {
     fn ring_function(&self, pole: &PoleMap, r: usize, i: usize) -> Cell {
         let rows = grid(self.base, pole.level)[1];
         let j = if pole.at_top { rows + 2 - r } else { r };
-        Cell { level: pole.level as u8, i: i as u32, j: j as u32 }
+        Cell {
+            level: pole.level as u8,
+            i: i as u32,
+            j: j as u32,
+        }
     }
 
     fn build(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
@@ -490,8 +528,7 @@ impl Hierarchy {
                 let [columns, rows] = grid(base, level);
                 (0..columns * rows)
                     .map(|index| {
-                        level == 0
-                            || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
+                        level == 0 || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
                     })
                     .collect()
             })
@@ -523,8 +560,12 @@ impl Hierarchy {
                     let (mut all_exist, mut all_split) = (true, true);
                     for dj in 0..4 {
                         for di in 0..4 {
-                            let Some(ci) = support_cell(i, di, columns, shape.periodic_u()) else { continue };
-                            let Some(cj) = support_cell(j, dj, rows, shape.periodic_v()) else { continue };
+                            let Some(ci) = support_cell(i, di, columns, shape.periodic_u()) else {
+                                continue;
+                            };
+                            let Some(cj) = support_cell(j, dj, rows, shape.periodic_v()) else {
+                                continue;
+                            };
                             all_exist &= exists[level][cj * columns + ci];
                             all_split &= hierarchy.split[level][cj * columns + ci];
                         }
@@ -532,7 +573,11 @@ impl Hierarchy {
                     in_level[j * fu + i] = all_exist;
                     if all_exist && !all_split {
                         number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
+                        hierarchy.functions.push(Cell {
+                            level: level as u8,
+                            i: i as u32,
+                            j: j as u32,
+                        });
                     }
                 }
             }
@@ -544,10 +589,22 @@ impl Hierarchy {
         let pole_of_function: HashMap<u32, Vec<(u32, f64)>> = hierarchy.pole_expansion(&active);
 
         // Down the tree: coefficients of every function that still acts, truncated at each level.
-        let mut walk = Walk { hierarchy: &hierarchy, active: &active, inside: &inside, leaves: Vec::new() };
+        let mut walk = Walk {
+            hierarchy: &hierarchy,
+            active: &active,
+            inside: &inside,
+            leaves: Vec::new(),
+        };
         for j in 0..base[1] {
             for i in 0..base[0] {
-                walk.descend(Cell { level: 0, i: i as u32, j: j as u32 }, Vec::new());
+                walk.descend(
+                    Cell {
+                        level: 0,
+                        i: i as u32,
+                        j: j as u32,
+                    },
+                    Vec::new(),
+                );
             }
         }
         let found = walk.leaves;
@@ -630,12 +687,22 @@ impl Hierarchy {
                     cosine = basis.refine(&cosine);
                     sine = basis.refine(&sine);
                 }
-                self.poles.push(PoleMap { level, at_top, first_node: 0, cosine, sine });
+                self.poles.push(PoleMap {
+                    level,
+                    at_top,
+                    first_node: 0,
+                    cosine,
+                    sine,
+                });
             }
             for (n, f) in self.functions.iter().enumerate() {
                 for pole in &self.poles {
                     let rows = grid(self.base, pole.level)[1];
-                    let ring = if pole.at_top { rows + 2 - (f.j as usize).min(rows + 2) } else { f.j as usize };
+                    let ring = if pole.at_top {
+                        rows + 2 - (f.j as usize).min(rows + 2)
+                    } else {
+                        f.j as usize
+                    };
                     taken[n] |= usize::from(f.level) == pole.level && ring < 2;
                 }
             }
@@ -721,7 +788,9 @@ fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: 
             let [columns, rows] = grid(base, level);
             if shape.polar() {
                 for pair in [[0, 1], [rows - 1, rows - 2]] {
-                    let any = pair.iter().any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
+                    let any = pair
+                        .iter()
+                        .any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
                     if any {
                         for j in pair {
                             for s in &mut split[level][j * columns..(j + 1) * columns] {
@@ -815,8 +884,15 @@ impl Walk<'_> {
         }
         for half_v in 0..2 {
             for half_u in 0..2 {
-                let child = Cell { level: cell.level + 1, i: 2 * cell.i + half_u, j: 2 * cell.j + half_v };
-                let halves = list.iter().map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize))).collect();
+                let child = Cell {
+                    level: cell.level + 1,
+                    i: 2 * cell.i + half_u,
+                    j: 2 * cell.j + half_v,
+                };
+                let halves = list
+                    .iter()
+                    .map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize)))
+                    .collect();
                 self.descend(child, halves);
             }
         }

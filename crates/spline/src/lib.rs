@@ -5,15 +5,21 @@
 
 mod base;
 mod basis;
+mod cell_information;
+mod energy;
 mod foot;
 mod geometry;
 mod hierarchy;
+mod refinement;
 mod surface;
 
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
-pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
+pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
+pub use energy::{LeafEnergy, QuadraturePoint, quadrature};
+pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use planish_estimate::{Error, Result};
+pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

@@ -196,8 +196,14 @@ impl Surface {
         if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
             return Err(Error::input("refinement needs the same shape and base grid"));
         }
-        if let Some(cell) = finer.leaves().iter().find(|&&cell| self.space.leaf_over(cell).is_none()) {
-            return Err(Error::input(format!("the other hierarchy is coarser at {cell:?}: it cannot hold this surface")));
+        if let Some(cell) = finer
+            .leaves()
+            .iter()
+            .find(|&&cell| self.space.leaf_over(cell).is_none())
+        {
+            return Err(Error::input(format!(
+                "the other hierarchy is coarser at {cell:?}: it cannot hold this surface"
+            )));
         }
         let vertices = finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
         Self::new(finer, vertices)
@@ -248,7 +254,9 @@ mod tests {
     #[test]
     fn jets_and_third_derivatives_agree_with_differences() {
         let space = Hierarchy::uniform(Shape::Torus, [5, 6]).unwrap();
-        let vertices = (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
+        let vertices = (0..space.node_count())
+            .map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin()))
+            .collect();
         let surface = Surface::new(space.refine(&[3, 4, 8, 9]).into(), Vec::new());
         assert!(surface.is_err(), "a wrong number of vertices must be refused");
         let surface = Surface::new(space.into(), vertices).unwrap();
@@ -258,7 +266,8 @@ mod tests {
         let jet = at(0.0, 0.0);
         let third = surface.third_derivatives(u, v);
         for d in 0..3 {
-            let diff = |f: &dyn Fn(&Jet) -> [f64; 3], du: f64, dv: f64| (f(&at(du, dv))[d] - f(&at(-du, -dv))[d]) / (2.0 * h);
+            let diff =
+                |f: &dyn Fn(&Jet) -> [f64; 3], du: f64, dv: f64| (f(&at(du, dv))[d] - f(&at(-du, -dv))[d]) / (2.0 * h);
             for (exact, estimate) in [
                 (jet.du[d], diff(&|j| j.point, h, 0.0)),
                 (jet.dv[d], diff(&|j| j.point, 0.0, h)),

@@ -1,0 +1,221 @@
+//! Smoothness energies of a surface, as quadratic forms on its leaves.
+//!
+//! Comes in: a reference [`Surface`] whose metric is frozen. Goes out: for every leaf, the thin-plate form on its sixteen
+//! coefficients, and the area of the leaf.
+//!
+//! The thin-plate energy of a function f on the surface is `∫ |∇∇f|² dA` with the covariant Hessian
+//! `∇_a∇_b f = f_ab − Γ^c_ab f_c` of the reference's metric: it does not depend on how the surface is parametrised, so it
+//! stays finite at the poles of a ball and where a chart is stretched, which the parametric `∫ f_uu² + 2 f_uv² + f_vv²` does not.
+//! On a flat reference both are the same. Summed over the three coordinates it is the bending energy `∫ κ1² + κ2² dA` to leading order.
+//!
+//! # References
+//! Duchon, *Splines minimizing rotation-invariant semi-norms in Sobolev spaces*, 1977; do Carmo, *Riemannian Geometry*, 1992, ch. 2.
+
+use crate::basis::cubic;
+use crate::hierarchy::Hierarchy;
+use crate::surface::{Jet, Surface};
+use planish_estimate::vector3::dot;
+use rayon::prelude::*;
+
+/// Gauss–Legendre points and weights on [0, 1], four of them: exact to degree 7.
+const GAUSS: [(f64, f64); 4] = [
+    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
+
+/// Energy forms of one leaf.
+#[derive(Debug, Clone)]
+pub struct LeafEnergy {
+    /// `∫ ∇∇B_k : ∇∇B_l dA` over the leaf.
+    pub thin_plate: [[f64; 16]; 16],
+    /// Area of the leaf on the reference surface.
+    pub area: f64,
+}
+
+/// A quadrature point of a leaf, for other integrals over the surface.
+#[derive(Debug, Clone, Copy)]
+pub struct QuadraturePoint {
+    /// Leaf-local coordinates.
+    pub local: [f64; 2],
+    /// Share of the leaf's parameter area.
+    pub weight: f64,
+}
+
+/// The sixteen quadrature points of a leaf.
+#[must_use]
+pub fn quadrature() -> [QuadraturePoint; 16] {
+    std::array::from_fn(|n| {
+        let ((s, ws), (t, wt)) = (GAUSS[n % 4], GAUSS[n / 4]);
+        QuadraturePoint {
+            local: [s, t],
+            weight: ws * wt,
+        }
+    })
+}
+
+impl Surface {
+    /// The thin-plate forms of all leaves of `space` in the metric of this surface.
+    ///
+    /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a leaf, in parallel.
+    #[must_use]
+    pub fn thin_plate(&self, space: &Hierarchy) -> Vec<LeafEnergy> {
+        (0..space.leaves().len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|leaf| self.leaf_energy(space, leaf))
+            .collect()
+    }
+
+    fn leaf_energy(&self, space: &Hierarchy, leaf: usize) -> LeafEnergy {
+        let mut thin_plate = [[0.0; 16]; 16];
+        let mut total_area = 0.0;
+        let side = space.leaves()[leaf].side();
+        for q in quadrature() {
+            let [u, v] = space.parameters(leaf, q.local);
+            let jet = self.jet(u, v);
+            let Some((rows, area)) = hessian_rows(&jet, q.local, side) else {
+                continue;
+            };
+            let weight = q.weight * side * side * area;
+            total_area += weight;
+            for row in &rows {
+                for k in 0..16 {
+                    let w = weight * row[k];
+                    for l in 0..=k {
+                        thin_plate[k][l] += w * row[l];
+                    }
+                }
+            }
+        }
+        for k in 0..16 {
+            for l in 0..k {
+                thin_plate[l][k] = thin_plate[k][l];
+            }
+        }
+        LeafEnergy {
+            thin_plate,
+            area: total_area,
+        }
+    }
+}
+
+/// The covariant Hessian of each of a leaf's sixteen functions, in an orthonormal tangent frame of the jet:
+/// rows for 11, √2·12 and 22; and the area element.
+fn hessian_rows(jet: &Jet, local: [f64; 2], side: f64) -> Option<([[f64; 16]; 3], f64)> {
+    let [e, f, g] = jet.first_form();
+    let area2 = e * g - f * f;
+    if !(area2 > 1e-24 * (e + g) * (e + g) && e > 0.0) {
+        return None;
+    }
+    // Christoffel symbols Γ^c_ab = g^{cd} S_ab · S_d.
+    let christoffel = |second: [f64; 3]| {
+        let (a, b) = (dot(second, jet.du), dot(second, jet.dv));
+        [(g * a - f * b) / area2, (e * b - f * a) / area2]
+    };
+    let gamma = [christoffel(jet.duu), christoffel(jet.duv), christoffel(jet.dvv)];
+    // Orthonormal frame: e1 = ∂u/√E, e2 = (∂v − F/E ∂u)/√(area²/E).
+    let a1 = 1.0 / e.sqrt();
+    let b2 = (e / area2).sqrt();
+    let a2 = -f / e * b2;
+    let (bu, bv) = (cubic(local[0]), cubic(local[1]));
+    let h = 1.0 / side;
+    let mut rows = [[0.0; 16]; 3];
+    for k in 0..16 {
+        let (c, r) = (k % 4, k / 4);
+        let (du, dv) = (h * bu[1][c] * bv[0][r], h * bu[0][c] * bv[1][r]);
+        let second = [
+            h * h * bu[2][c] * bv[0][r],
+            h * h * bu[1][c] * bv[1][r],
+            h * h * bu[0][c] * bv[2][r],
+        ];
+        let [uu, uv, vv] = [0, 1, 2].map(|i| second[i] - gamma[i][0] * du - gamma[i][1] * dv);
+        rows[0][k] = a1 * a1 * uu;
+        rows[1][k] = std::f64::consts::SQRT_2 * a1 * (a2 * uu + b2 * uv);
+        rows[2][k] = a2 * a2 * uu + 2.0 * a2 * b2 * uv + b2 * b2 * vv;
+    }
+    Some((rows, area2.sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{BaseShape, fit_function};
+    use crate::hierarchy::Shape;
+    use std::sync::Arc;
+
+    fn energy(surface: &Surface, of: &Surface, coordinate: usize) -> f64 {
+        let space = surface.space();
+        let forms = surface.thin_plate(space);
+        (0..space.leaves().len())
+            .map(|leaf| {
+                let c = of.leaf_coefficients(leaf);
+                (0..16)
+                    .map(|k| {
+                        (0..16)
+                            .map(|l| c[k][coordinate] * forms[leaf].thin_plate[k][l] * c[l][coordinate])
+                            .sum::<f64>()
+                    })
+                    .sum::<f64>()
+            })
+            .sum()
+    }
+
+    #[test]
+    fn area_and_bending_energy_of_a_sphere_are_analytic() {
+        let r = 2.0;
+        let sphere = BaseShape::sphere([0.0; 3], r, [0.0, 0.0, 1.0])
+            .surface([48, 24])
+            .unwrap();
+        let area: f64 = sphere.thin_plate(sphere.space()).iter().map(|leaf| leaf.area).sum();
+        assert!(
+            (area / (4.0 * std::f64::consts::PI * r * r) - 1.0).abs() < 1e-4,
+            "area {area}"
+        );
+        // Σ over coordinates of |∇∇x|² = κ1² + κ2² = 2/r²: total 8π.
+        let total: f64 = (0..3).map(|d| energy(&sphere, &sphere, d)).sum();
+        assert!(
+            (total / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3,
+            "energy {total}"
+        );
+    }
+
+    #[test]
+    fn energy_does_not_depend_on_the_parametrisation() {
+        // The same quadratic function over the unit square, once on a straight and once on a bent chart of the plane.
+        let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [24, 24]).unwrap());
+        let straight = fit_function(&space, |u, v| [u / 24.0, v / 24.0, 0.0]).unwrap();
+        let warp = |u: f64, v: f64| {
+            let (a, b) = (u / 24.0, v / 24.0);
+            (a + 0.1 * a * (1.0 - a) * b, b + 0.15 * b * (1.0 - b) * (1.0 - a))
+        };
+        let bent = fit_function(&space, |u, v| {
+            let (x, y) = warp(u, v);
+            [x, y, 0.0]
+        })
+        .unwrap();
+        let height = |x: f64, y: f64| 1.5 * x * x - 0.8 * x * y + 0.3 * y * y;
+        let plain = fit_function(&space, |u, v| [height(u / 24.0, v / 24.0), 0.0, 0.0]).unwrap();
+        let bent_height = fit_function(&space, |u, v| {
+            let (x, y) = warp(u, v);
+            [height(x, y), 0.0, 0.0]
+        })
+        .unwrap();
+        let exact = 3.0 * 3.0 + 2.0 * 0.8 * 0.8 + 0.6 * 0.6;
+        assert!((energy(&straight, &plain, 0) - exact).abs() < 1e-9);
+        assert!((energy(&bent, &bent_height, 0) / exact - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn refinement_keeps_the_energy() {
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
+            .surface([16, 8])
+            .unwrap();
+        let fine_space = Arc::new(sphere.space().refine(&[40, 41, 56, 57]));
+        let fine = sphere.refined(Arc::clone(&fine_space)).unwrap();
+        // Quadrature differs on split cells, hence not to the last digit.
+        let (a, b) = (energy(&sphere, &sphere, 0), energy(&fine, &fine, 0));
+        assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
+    }
+}
