@@ -1,1 +1,42 @@
-//! mesh
+//! Triangle meshes: closest points, rays, sampling, checks and deviations.
+//!
+//! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold or not.
+//! Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface ([`sample_points`]), what
+//! kind of mesh it is ([`MeshCheck`]), and the summary of a comparison ([`DeviationStatistics`]).
+//!
+//! Not guaranteed: nothing here repairs a mesh, and nothing looks for self-intersections. The sign of a distance is
+//! right for a closed, consistently oriented mesh that does not cross itself; elsewhere it is the side of the
+//! nearest piece of surface.
+//!
+//! ```
+//! use planish_mesh::{MeshSearch, icosphere};
+//!
+//! # fn main() -> planish_estimate::Result<()> {
+//! let ball = icosphere(10.0, 4);
+//! assert!(ball.check().watertight);
+//! let search = MeshSearch::try_new(&ball)?;
+//! let foot = search.closest([0.0, 0.0, 12.0]).expect("the point is finite");
+//! assert!((foot.signed_distance - 2.0).abs() < 0.05);
+//! # Ok(())
+//! # }
+//! ```
+
+mod bvh;
+mod check;
+mod deviation;
+mod edges;
+mod mesh;
+mod primitives;
+mod ray;
+mod sampling;
+mod search;
+mod triangle;
+
+pub use check::MeshCheck;
+pub use deviation::{DeviationStatistics, quantile_of_sorted};
+pub use mesh::{BoundingBox, TriangleMesh};
+pub use primitives::{cylinder, grid_sheet, icosphere};
+pub use ray::RayHit;
+pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
+pub use search::{ClosestPoint, MeshSearch};
+pub use triangle::Feature;

@@ -1,0 +1,313 @@
+//! A tree of boxes over triangles.
+//!
+//! Comes in: the triangles' corners. Goes out: a flat array of nodes over triangles in leaf order; the tree depends on the
+//! triangles alone, not on the number of threads.
+//! Not guaranteed: balance; but the depth stays below [`MAX_DEPTH`].
+
+/// Most triangles of a leaf; 4 was fastest for closest points on a 70 k scan (8: 10 % slower, 2: as fast, more memory).
+const LEAF: usize = 4;
+const BINS: usize = 16;
+/// Parts above this size are built in parallel.
+const PARALLEL: usize = 1 << 14;
+/// Below this depth triangles are halved by count, so that no tree is deeper than `SAH_DEPTH + 32`.
+const SAH_DEPTH: usize = 30;
+/// Depth that no tree exceeds, and so the size of a traversal's stack.
+pub(crate) const MAX_DEPTH: usize = 64;
+
+/// A box and what is in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    pub min: [f64; 3],
+    pub max: [f64; 3],
+    /// The first triangle of a leaf, or the left child; the right child follows the left.
+    pub first: u32,
+    /// Triangles of a leaf, 0 for an inner node.
+    pub count: u32,
+}
+
+/// Nodes (the root first) over triangles in leaf order.
+#[derive(Debug, Clone)]
+pub(crate) struct Bvh {
+    pub nodes: Vec<Node>,
+    /// Corners in leaf order.
+    pub corners: Vec<[[f64; 3]; 3]>,
+    /// The triangle that stands at each place of the leaf order.
+    pub triangles: Vec<u32>,
+}
+
+#[derive(Clone, Copy)]
+struct Item {
+    min: [f64; 3],
+    max: [f64; 3],
+    triangle: u32,
+}
+
+impl Item {
+    fn center2(&self, axis: usize) -> f64 {
+        self.min[axis] + self.max[axis]
+    }
+}
+
+impl Bvh {
+    /// The tree over at least one triangle.
+    pub fn of(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
+        let mut items: Vec<Item> = (0..count)
+            .map(|t| {
+                let [a, b, c] = corners(t);
+                Item {
+                    min: std::array::from_fn(|k| a[k].min(b[k]).min(c[k])),
+                    max: std::array::from_fn(|k| a[k].max(b[k]).max(c[k])),
+                    triangle: t as u32,
+                }
+            })
+            .collect();
+        let nodes = build(&mut items, 0, 0);
+        let triangles: Vec<u32> = items.iter().map(|item| item.triangle).collect();
+        drop(items);
+        Self {
+            nodes,
+            corners: triangles.iter().map(|&t| corners(t as usize)).collect(),
+            triangles,
+        }
+    }
+}
+
+/// The tree over `items`, which start at place `first` of the leaf order; child indices count from the tree's own root.
+fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
+    if items.len() < PARALLEL {
+        let mut nodes = Vec::with_capacity(items.len());
+        nodes.push(node_of(items, first));
+        subdivide(&mut nodes, 0, items, first, depth);
+        return nodes;
+    }
+    let root = node_of(items, first);
+    let middle = split(items, depth);
+    let (left, right) = items.split_at_mut(middle);
+    let (left, right) = rayon::join(
+        || build(left, first, depth + 1),
+        || build(right, first + middle, depth + 1),
+    );
+    // Order: root, both children side by side, the rest of the left, the rest of the right.
+    let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
+    let moved = |mut node: Node, by: usize| {
+        if node.count == 0 {
+            node.first += by as u32;
+        }
+        node
+    };
+    let (left_by, right_by) = (2, left.len() + 1);
+    nodes.push(Node {
+        first: 1,
+        count: 0,
+        ..root
+    });
+    nodes.push(moved(left[0], left_by));
+    nodes.push(moved(right[0], right_by));
+    nodes.extend(left[1..].iter().map(|&n| moved(n, left_by)));
+    nodes.extend(right[1..].iter().map(|&n| moved(n, right_by)));
+    nodes
+}
+
+fn subdivide(nodes: &mut Vec<Node>, at: usize, items: &mut [Item], first: usize, depth: usize) {
+    if items.len() <= LEAF {
+        return;
+    }
+    let middle = split(items, depth);
+    let (left, right) = items.split_at_mut(middle);
+    let child = nodes.len();
+    nodes[at].first = child as u32;
+    nodes[at].count = 0;
+    nodes.push(node_of(left, first));
+    nodes.push(node_of(right, first + middle));
+    subdivide(nodes, child, left, first, depth + 1);
+    subdivide(nodes, child + 1, right, first + middle, depth + 1);
+}
+
+/// A leaf over all `items`.
+fn node_of(items: &[Item], first: usize) -> Node {
+    let mut grown = Bounds::EMPTY;
+    for item in items {
+        grown.include(&Bounds {
+            min: item.min,
+            max: item.max,
+        });
+    }
+    Node {
+        min: grown.min,
+        max: grown.max,
+        first: first as u32,
+        count: items.len() as u32,
+    }
+}
+
+/// Orders `items` into two non-empty parts and returns the size of the first: binned surface-area heuristic over the
+/// axis of greatest spread, or halves where that finds no plane.
+///
+/// Reference: Wald, *On fast Construction of SAH-based Bounding Volume Hierarchies*, 2007.
+fn split(items: &mut [Item], depth: usize) -> usize {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for item in items.iter() {
+        for k in 0..3 {
+            low[k] = low[k].min(item.center2(k));
+            high[k] = high[k].max(item.center2(k));
+        }
+    }
+    let spread = |k: usize| high[k] - low[k];
+    let axis = (1..3).fold(0, |best, k| if spread(k) > spread(best) { k } else { best });
+    let per_unit = BINS as f64 / spread(axis);
+    if depth < SAH_DEPTH && per_unit.is_finite() && per_unit > 0.0 {
+        let bin = |item: &Item| (((item.center2(axis) - low[axis]) * per_unit) as usize).min(BINS - 1);
+        let mut bins = [(Bounds::EMPTY, 0_usize); BINS];
+        for item in items.iter() {
+            let (bounds, count) = &mut bins[bin(item)];
+            bounds.include(&Bounds {
+                min: item.min,
+                max: item.max,
+            });
+            *count += 1;
+        }
+        let mut cost = [0.0; BINS];
+        let (mut grown, mut count) = (Bounds::EMPTY, 0);
+        for k in 0..BINS - 1 {
+            grown.include(&bins[k].0);
+            count += bins[k].1;
+            cost[k + 1] = grown.half_area() * count as f64;
+        }
+        let mut best = (f64::INFINITY, 0);
+        let (mut grown, mut count) = (Bounds::EMPTY, 0);
+        for k in (1..BINS).rev() {
+            grown.include(&bins[k].0);
+            count += bins[k].1;
+            let total = cost[k] + grown.half_area() * count as f64;
+            if count > 0 && count < items.len() && total < best.0 {
+                best = (total, k);
+            }
+        }
+        if best.1 > 0 {
+            return partition(items, |item| bin(item) < best.1);
+        }
+    }
+    let middle = items.len() / 2;
+    items.select_nth_unstable_by(middle, |a, b| {
+        a.center2(axis)
+            .total_cmp(&b.center2(axis))
+            .then(a.triangle.cmp(&b.triangle))
+    });
+    middle
+}
+
+/// Brings the items that are `left` to the front and returns how many they are.
+fn partition(items: &mut [Item], left: impl Fn(&Item) -> bool) -> usize {
+    let mut kept = 0;
+    for k in 0..items.len() {
+        if left(&items[k]) {
+            items.swap(kept, k);
+            kept += 1;
+        }
+    }
+    kept
+}
+
+#[derive(Clone, Copy)]
+struct Bounds {
+    min: [f64; 3],
+    max: [f64; 3],
+}
+
+impl Bounds {
+    const EMPTY: Self = Self {
+        min: [f64::INFINITY; 3],
+        max: [f64::NEG_INFINITY; 3],
+    };
+
+    fn include(&mut self, other: &Self) {
+        for k in 0..3 {
+            self.min[k] = self.min[k].min(other.min[k]);
+            self.max[k] = self.max[k].max(other.max[k]);
+        }
+    }
+
+    /// Half the surface; zero where empty.
+    fn half_area(&self) -> f64 {
+        if self.min[0] > self.max[0] {
+            return 0.0;
+        }
+        let [x, y, z] = std::array::from_fn(|k| self.max[k] - self.min[k]);
+        x * y + y * z + z * x
+    }
+}
+
+/// Squared distance from a point to a box, zero inside. NaN counts as inside.
+#[inline(always)]
+pub(crate) fn squared_distance_to_box(p: [f64; 3], node: &Node) -> f64 {
+    let mut sum = 0.0;
+    for k in 0..3 {
+        let d = greater(greater(node.min[k] - p[k], p[k] - node.max[k]), 0.0);
+        sum += d * d;
+    }
+    sum
+}
+
+/// The greater of two, `b` where they do not compare: one machine instruction, unlike `f64::max`.
+#[inline(always)]
+pub(crate) fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The lesser of two, `b` where they do not compare.
+#[inline(always)]
+pub(crate) fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(bvh: &Bvh, at: usize, depth: usize, seen: &mut [bool]) {
+        assert!(depth < MAX_DEPTH);
+        let node = bvh.nodes[at];
+        let inside = |p: [f64; 3]| (0..3).all(|k| node.min[k] <= p[k] && p[k] <= node.max[k]);
+        if node.count > 0 {
+            assert!(node.count as usize <= LEAF);
+            for slot in node.first as usize..(node.first + node.count) as usize {
+                assert!(!std::mem::replace(&mut seen[slot], true));
+                assert!(bvh.corners[slot].iter().all(|&p| inside(p)));
+            }
+        } else {
+            for child in [node.first as usize, node.first as usize + 1] {
+                assert!(child > at && inside(bvh.nodes[child].min) && inside(bvh.nodes[child].max));
+                check(bvh, child, depth + 1, seen);
+            }
+        }
+    }
+
+    fn check_all(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) {
+        let bvh = Bvh::of(count, &corners);
+        let mut seen = vec![false; count];
+        check(&bvh, 0, 0, &mut seen);
+        assert!(seen.iter().all(|&s| s));
+        for (slot, &t) in bvh.triangles.iter().enumerate() {
+            assert_eq!(bvh.corners[slot], corners(t as usize));
+        }
+    }
+
+    #[test]
+    fn every_triangle_is_in_one_leaf_inside_its_boxes() {
+        // Above the parallel limit, at hashed places.
+        let hashed = |t: usize| {
+            let x = (t as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let p = [(x >> 40) as f64, ((x >> 20) & 0xF_FFFF) as f64, (x & 0xF_FFFF) as f64];
+            [p, [p[0] + 1.0, p[1], p[2]], [p[0], p[1] + 1.0, p[2]]]
+        };
+        check_all(50_000, hashed);
+        check_all(1, hashed);
+    }
+
+    #[test]
+    fn coincident_and_geometrically_spaced_triangles_do_not_deepen_the_tree() {
+        check_all(20_000, |_| [[1.0; 3]; 3]);
+        check_all(2_000, |t| [[2.0_f64.powi(t as i32 % 1000 - 500); 3]; 3]);
+    }
+}

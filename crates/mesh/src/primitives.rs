@@ -1,0 +1,140 @@
+//! Simple bodies of known shape, for tests, examples and simulated scenes.
+//!
+//! Comes in: sizes in the model's unit and counts. Goes out: meshes centred at the origin, facing outwards (sheets
+//! facing +z). Not guaranteed: that a facetted ball or can has the area and volume of the smooth one.
+
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+
+use planish_estimate::vector3::{add, scale};
+
+use crate::mesh::TriangleMesh;
+use crate::triangle::unit_or_zero;
+
+/// A ball of `20 · 4^subdivisions` triangles whose vertices lie on the sphere; watertight.
+///
+/// The mesh lies inside the sphere by at most about `0.3 · 4^-subdivisions · radius`.
+#[must_use]
+pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
+    let g = (1.0 + 5.0_f64.sqrt()) / 2.0;
+    let mut positions: Vec<[f64; 3]> = [
+        [-1.0, g, 0.0],
+        [1.0, g, 0.0],
+        [-1.0, -g, 0.0],
+        [1.0, -g, 0.0],
+        [0.0, -1.0, g],
+        [0.0, 1.0, g],
+        [0.0, -1.0, -g],
+        [0.0, 1.0, -g],
+        [g, 0.0, -1.0],
+        [g, 0.0, 1.0],
+        [-g, 0.0, -1.0],
+        [-g, 0.0, 1.0],
+    ]
+    .map(unit_or_zero)
+    .to_vec();
+    let mut triangles: Vec<[u32; 3]> = [
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
+    ]
+    .to_vec();
+    for _ in 0..subdivisions {
+        let mut middles = HashMap::with_capacity(triangles.len() * 3 / 2);
+        let mut finer = Vec::with_capacity(triangles.len() * 4);
+        for [a, b, c] in triangles {
+            let mut middle = |i: u32, j: u32| {
+                *middles.entry((i.min(j), i.max(j))).or_insert_with(|| {
+                    positions.push(unit_or_zero(add(positions[i as usize], positions[j as usize])));
+                    (positions.len() - 1) as u32
+                })
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    TriangleMesh {
+        positions: positions.into_iter().map(|p| scale(radius, p)).collect(),
+        triangles,
+    }
+}
+
+/// A flat sheet in the plane z = 0, `columns × rows` rectangles of two triangles each; at least one of each.
+///
+/// Vertex `i + (columns + 1) j` lies at column `i` (along x), row `j` (along y).
+#[must_use]
+pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> TriangleMesh {
+    let (columns, rows) = (columns.max(1), rows.max(1));
+    let positions = (0..=rows)
+        .flat_map(|j| {
+            (0..=columns).map(move |i| {
+                [
+                    width * (i as f64 / columns as f64 - 0.5),
+                    height * (j as f64 / rows as f64 - 0.5),
+                    0.0,
+                ]
+            })
+        })
+        .collect();
+    let at = |i: usize, j: usize| (i + (columns + 1) * j) as u32;
+    let triangles = (0..rows)
+        .flat_map(|j| (0..columns).map(move |i| (i, j)))
+        .flat_map(|(i, j)| {
+            [
+                [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
+                [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
+            ]
+        })
+        .collect();
+    TriangleMesh { positions, triangles }
+}
+
+/// A cylinder about the z axis from `−height/2` to `height/2`, of `segments` (at least 3) around and `rings` (at least
+/// 1) bands along; `capped` makes it watertight.
+#[must_use]
+pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped: bool) -> TriangleMesh {
+    let (segments, rings) = (segments.max(3), rings.max(1));
+    let mut positions: Vec<[f64; 3]> = (0..=rings)
+        .flat_map(|j| {
+            (0..segments).map(move |i| {
+                let (sin, cos) = (TAU * i as f64 / segments as f64).sin_cos();
+                [radius * cos, radius * sin, height * (j as f64 / rings as f64 - 0.5)]
+            })
+        })
+        .collect();
+    let at = |i: usize, j: usize| (i % segments + segments * j) as u32;
+    let mut triangles = Vec::with_capacity(2 * segments * (rings + 1));
+    for j in 0..rings {
+        for i in 0..segments {
+            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+    }
+    if capped {
+        let bottom = positions.len() as u32;
+        positions.extend([[0.0, 0.0, -0.5 * height], [0.0, 0.0, 0.5 * height]]);
+        for i in 0..segments {
+            triangles.push([bottom, at(i + 1, 0), at(i, 0)]);
+            triangles.push([bottom + 1, at(i, rings), at(i + 1, rings)]);
+        }
+    }
+    TriangleMesh { positions, triangles }
+}

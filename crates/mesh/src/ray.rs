@@ -1,0 +1,309 @@
+//! Rays against a mesh.
+//!
+//! Comes in: an origin and a direction of any length. Goes out: the first triangle hit, from either side.
+//! A ray that passes through an edge or vertex shared by triangles hits one of them: nothing slips through.
+//! Not guaranteed: hits of triangles seen exactly edge-on.
+//!
+//! Reference: Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, Journal of Computer Graphics
+//! Techniques 2013.
+
+use planish_estimate::vector3::{distance, scale, sub, unit};
+
+use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
+use crate::search::MeshSearch;
+use crate::triangle::{point_at, unit_normal};
+
+/// Widening of the far side of boxes that covers the rounding of the slab test (Ize, *Robust BVH Ray Traversal*, 2013).
+const BOX_SLACK: f64 = 1.0 + 8.0 * f64::EPSILON;
+
+/// Where a ray meets a mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayHit {
+    /// Distance from the origin, in the model's unit whatever the length of the direction.
+    pub distance: f64,
+    /// The point on the triangle.
+    pub point: [f64; 3],
+    /// The triangle.
+    pub triangle: u32,
+    /// Weights of the triangle's corners.
+    pub barycentric: [f64; 3],
+    /// The triangle's unit normal; it points along the ray where the back was hit.
+    pub normal: [f64; 3],
+}
+
+impl MeshSearch {
+    /// The first hit in front of the origin, or on it.
+    ///
+    /// `None` where nothing is hit, or the direction is zero or a number is not finite.
+    #[must_use]
+    pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
+        self.first_hit_between(origin, direction, 0.0, f64::INFINITY)
+    }
+
+    /// The first hit at a distance from `near` to `far`. Start a shadow ray with a `near` well above rounding.
+    #[must_use]
+    pub fn first_hit_between(&self, origin: [f64; 3], direction: [f64; 3], near: f64, far: f64) -> Option<RayHit> {
+        let ray = Ray::new(origin, direction)?;
+        let Bvh {
+            nodes,
+            corners,
+            triangles,
+        } = &self.bvh;
+        let mut best = far;
+        let mut found: Option<(u32, [f64; 3])> = None;
+        let mut stack = [(0_u32, 0.0_f64); MAX_DEPTH];
+        let mut height = 0;
+        let mut at = 0;
+        ray.entry(&nodes[0], near, best)?;
+        'walk: loop {
+            let node = &nodes[at as usize];
+            if node.count > 0 {
+                for slot in node.first..node.first + node.count {
+                    let Some((t, barycentric)) = ray.hit(&corners[slot as usize]) else {
+                        continue;
+                    };
+                    let lower = || found.is_none_or(|(f, _)| triangles[slot as usize] < triangles[f as usize]);
+                    if t >= near && (t < best || t == best && lower()) {
+                        best = t;
+                        found = Some((slot, barycentric));
+                    }
+                }
+            } else {
+                let (left, right) = (node.first, node.first + 1);
+                let to_left = ray.entry(&nodes[left as usize], near, best);
+                let to_right = ray.entry(&nodes[right as usize], near, best);
+                match (to_left, to_right) {
+                    (Some(l), Some(r)) => {
+                        stack[height] = if l <= r { (right, r) } else { (left, l) };
+                        height += 1;
+                        at = if l <= r { left } else { right };
+                        continue;
+                    }
+                    (Some(_), None) => {
+                        at = left;
+                        continue;
+                    }
+                    (None, Some(_)) => {
+                        at = right;
+                        continue;
+                    }
+                    (None, None) => {}
+                }
+            }
+            while height > 0 {
+                height -= 1;
+                let (next, entry) = stack[height];
+                if entry <= best {
+                    at = next;
+                    continue 'walk;
+                }
+            }
+            break;
+        }
+        let (slot, barycentric) = found?;
+        let corners = &corners[slot as usize];
+        Some(RayHit {
+            distance: best,
+            point: point_at(corners, barycentric),
+            triangle: triangles[slot as usize],
+            barycentric,
+            normal: unit_normal(corners),
+        })
+    }
+
+    /// Whether the straight line between two points meets no triangle, but for `clearance` at either end.
+    #[must_use]
+    pub fn sees(&self, from: [f64; 3], to: [f64; 3], clearance: f64) -> bool {
+        let length = distance(from, to);
+        self.first_hit_between(from, sub(to, from), clearance, length - clearance)
+            .is_none()
+    }
+}
+
+/// A ray in the shape that boxes and triangles want it.
+struct Ray {
+    origin: [f64; 3],
+    inverse: [f64; 3],
+    /// Axes, the last the one along which the direction is greatest.
+    axes: [usize; 3],
+    /// Shear of the first two axes, scale of the last.
+    shear: [f64; 3],
+}
+
+impl Ray {
+    fn new(origin: [f64; 3], direction: [f64; 3]) -> Option<Self> {
+        let finite = origin.iter().chain(&direction).all(|x| x.is_finite());
+        // Brought to size first, so that the square of a very short or long direction neither vanishes nor overflows.
+        let size = direction.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+        if !finite || size == 0.0 {
+            return None;
+        }
+        let d = unit(direction.map(|x| x / size))?;
+        let z = (1..3).fold(0, |z, k| if d[k].abs() > d[z].abs() { k } else { z });
+        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
+        Some(Self {
+            origin,
+            inverse: d.map(|x| 1.0 / x),
+            axes: [x, y, z],
+            shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]],
+        })
+    }
+
+    /// The distance at which the ray enters a box, if it does between `near` and `far`.
+    #[inline(always)]
+    fn entry(&self, node: &Node, near: f64, far: f64) -> Option<f64> {
+        let (mut enter, mut leave) = (near, far);
+        for k in 0..3 {
+            let a = (node.min[k] - self.origin[k]) * self.inverse[k];
+            let b = (node.max[k] - self.origin[k]) * self.inverse[k];
+            // 0 · ∞ on a face of the box is NaN: the comparisons then keep the limits, which errs towards a visit.
+            let (low, high) = if self.inverse[k] >= 0.0 { (a, b) } else { (b, a) };
+            enter = greater(low, enter);
+            leave = lesser(high * BOX_SLACK, leave);
+        }
+        (enter <= leave).then_some(enter)
+    }
+
+    /// Distance and barycentric coordinates of the hit of a triangle, either side, also behind the origin.
+    #[inline]
+    fn hit(&self, corners: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
+        let [x, y, z] = self.axes;
+        let local = corners.map(|c| {
+            let c = sub(c, self.origin);
+            [
+                c[x] - self.shear[0] * c[z],
+                c[y] - self.shear[1] * c[z],
+                self.shear[2] * c[z],
+            ]
+        });
+        let [a, b, c] = local;
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let sum = u + v + w;
+        if sum == 0.0 {
+            return None;
+        }
+        let barycentric = scale(1.0 / sum, [u, v, w]);
+        let t = barycentric[0] * a[2] + barycentric[1] * b[2] + barycentric[2] * c[2];
+        t.is_finite().then_some((t, barycentric))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriangleMesh;
+    use crate::primitives::{grid_sheet, icosphere};
+    use planish_estimate::vector3::{add_scaled, dot, norm};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn search(mesh: &TriangleMesh) -> MeshSearch {
+        MeshSearch::try_new(mesh).unwrap()
+    }
+
+    #[test]
+    fn a_ball_is_hit_from_outside_and_inside() {
+        let ball = icosphere(1.0, 5);
+        let search = search(&ball);
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for _ in 0..2000 {
+            let mut any = || std::array::from_fn(|_| random.random::<f64>() - 0.5);
+            let (toward, direction): ([f64; 3], [f64; 3]) = (any(), any());
+            let d = unit(direction).unwrap();
+            let origin = add_scaled(toward, -3.0, d);
+            let hit = search.first_hit(origin, direction).unwrap();
+            // The smooth sphere's answer, within the chord error magnified by the slant.
+            let b = dot(origin, d);
+            let smooth = -b - (b * b - dot(origin, origin) + 1.0).sqrt();
+            assert!((hit.distance - smooth).abs() < 2e-3, "{} {smooth}", hit.distance);
+            assert!(distance(hit.point, add_scaled(origin, hit.distance, d)) < 1e-14);
+            assert!(dot(hit.normal, d) < 0.0);
+            let out = search.first_hit([0.0; 3], direction).unwrap();
+            assert!((out.distance - 1.0).abs() < 1e-3 && dot(out.normal, d) > 0.0);
+            let away = search.first_hit(origin, scale(-1.0, direction));
+            assert_eq!(away, None);
+        }
+    }
+
+    #[test]
+    fn first_hit_agrees_with_all_triangles() {
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let mut any = || std::array::from_fn::<f64, 3, _>(|_| random.random::<f64>() * 2.0 - 1.0);
+        let corners: Vec<[[f64; 3]; 3]> = (0..300)
+            .map(|_| {
+                let middle = any();
+                std::array::from_fn(|_| add_scaled(middle, 0.15, any()))
+            })
+            .collect();
+        let mesh = TriangleMesh::try_new(
+            corners.iter().flatten().copied().collect(),
+            (0..300).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        )
+        .unwrap();
+        let search = search(&mesh);
+        let mut hits = 0;
+        for round in 0..2000 {
+            let mut direction = any();
+            if round % 4 == 0 {
+                direction[round % 3] = 0.0;
+            }
+            let origin = any();
+            let ray = Ray::new(origin, direction).unwrap();
+            let expected = corners
+                .iter()
+                .enumerate()
+                .filter_map(|(i, c)| ray.hit(c).filter(|h| h.0 >= 0.0).map(|h| (h.0, i as u32)))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let hit = search.first_hit(origin, direction);
+            assert_eq!(hit.map(|h| (h.distance, h.triangle)), expected);
+            if let Some(hit) = hit {
+                hits += 1;
+                let off = sub(hit.point, add_scaled(origin, hit.distance / norm(direction), direction));
+                assert!(norm(off) < 1e-13);
+            }
+        }
+        assert!(hits > 300, "{hits}");
+    }
+
+    #[test]
+    fn nothing_slips_through_edges_and_vertices() {
+        let sheet = grid_sheet(1.0, 1.0, 8, 8);
+        let search = search(&sheet);
+        for i in 1..32 {
+            for j in 1..32 {
+                // Every fourth of these lies on grid lines, many on diagonals; straight and slanted rays.
+                let (x, y) = (f64::from(i) / 32.0 - 0.5, f64::from(j) / 32.0 - 0.5);
+                for slant in [0.0, 0.25, -1.0] {
+                    let hit = search.first_hit([x - slant, y, 1.0], [slant, 0.0, -1.0]).unwrap();
+                    assert!(distance(hit.point, [x, y, 0.0]) < 1e-15);
+                }
+            }
+        }
+        let ball = icosphere(1.0, 3);
+        let around = MeshSearch::try_new(&ball).unwrap();
+        for p in &ball.positions {
+            assert!((around.first_hit([0.0; 3], *p).unwrap().distance - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn limits_and_hopeless_rays() {
+        let sheet = search(&grid_sheet(1.0, 1.0, 1, 1));
+        let (origin, down) = ([0.1, 0.2, 1.0], [0.0, 0.0, -7.0]);
+        let at_one = |d| (sheet.first_hit(origin, d).unwrap().distance - 1.0).abs() < 1e-15;
+        assert!(at_one(down));
+        assert!(sheet.first_hit_between(origin, down, 0.0, 0.99).is_none());
+        assert!(sheet.first_hit_between(origin, down, 1.01, 9.0).is_none());
+        assert!(sheet.first_hit(origin, [0.0; 3]).is_none());
+        assert!(sheet.first_hit(origin, [f64::NAN, 0.0, 1.0]).is_none());
+        assert!(sheet.first_hit(origin, [1.0, 0.0, 0.0]).is_none());
+        assert!(at_one([0.0, 0.0, -1e-300]) && at_one([0.0, 0.0, -1e300]));
+        assert!(!sheet.sees(origin, [0.1, 0.2, -1.0], 1e-9));
+        assert!(sheet.sees(origin, [0.1, 0.2, 0.0], 1e-9));
+    }
+}

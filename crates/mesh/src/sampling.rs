@@ -1,0 +1,174 @@
+//! Points spread evenly over a surface.
+//!
+//! Comes in: a mesh and a source of uniform numbers in [0, 1), the caller's, so that the caller owns the seed. Goes
+//! out: points of uniform density per area. Not guaranteed: spacing; points are independent and may lie close together.
+
+use planish_estimate::{Error, Result};
+
+use crate::mesh::TriangleMesh;
+use crate::triangle::{area, point_at, unit_normal};
+
+/// A point on a mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Where it is.
+    pub position: [f64; 3],
+    /// The unit normal of its triangle.
+    pub normal: [f64; 3],
+    /// The triangle it lies on.
+    pub triangle: u32,
+    /// Weights of the triangle's corners.
+    pub barycentric: [f64; 3],
+}
+
+/// Draws points of uniform density from the surface of one mesh.
+#[derive(Debug, Clone)]
+pub struct SurfaceSampler<'a> {
+    mesh: &'a TriangleMesh,
+    /// Area of all triangles up to and including each.
+    cumulative: Vec<f64>,
+    total: f64,
+}
+
+impl<'a> SurfaceSampler<'a> {
+    /// Prepares a mesh for sampling. Cost O(triangles).
+    ///
+    /// # Errors
+    /// `Undetermined` where the mesh has no area.
+    pub fn try_new(mesh: &'a TriangleMesh) -> Result<Self> {
+        let mut total = 0.0;
+        let cumulative: Vec<f64> = (0..mesh.triangles.len())
+            .map(|t| {
+                total += area(&mesh.corners(t));
+                total
+            })
+            .collect();
+        if !(total > 0.0 && total.is_finite()) {
+            return Err(Error::undetermined(format!(
+                "points can only be drawn from a surface with an area, found {total} in {} triangles",
+                mesh.triangles.len()
+            )));
+        }
+        Ok(Self {
+            mesh,
+            cumulative,
+            total,
+        })
+    }
+
+    /// Draws one point with three numbers from `uniform`, which must lie in [0, 1). Cost O(log triangles).
+    pub fn sample(&self, uniform: &mut impl FnMut() -> f64) -> SurfacePoint {
+        let target = uniform() * self.total;
+        // The first triangle that ends beyond the target: never one without area, unless rounding reached the end.
+        let found = self.cumulative.partition_point(|&end| end <= target);
+        let triangle = if found < self.cumulative.len() {
+            found
+        } else {
+            self.cumulative
+                .partition_point(|&end| end < self.total)
+                .min(self.cumulative.len() - 1)
+        };
+        let (root, v) = (uniform().sqrt(), uniform());
+        let barycentric = [1.0 - root, root * (1.0 - v), root * v];
+        let corners = self.mesh.corners(triangle);
+        SurfacePoint {
+            position: point_at(&corners, barycentric),
+            normal: unit_normal(&corners),
+            triangle: triangle as u32,
+            barycentric,
+        }
+    }
+}
+
+/// Draws `count` points of uniform density per area.
+///
+/// # Errors
+/// `Undetermined` where the mesh has no area.
+///
+/// # Examples
+/// ```
+/// # fn main() -> planish_estimate::Result<()> {
+/// let ball = planish_mesh::icosphere(1.0, 3);
+/// let mut state = 1_u64;
+/// let uniform = || {
+///     state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+///     (state >> 11) as f64 / (1_u64 << 53) as f64
+/// };
+/// assert_eq!(planish_mesh::sample_points(&ball, 100, uniform)?.len(), 100);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # References
+/// Osada, Funkhouser, Chazelle, Dobkin, *Shape Distributions*, ACM Transactions on Graphics 2002, eq. 1.
+pub fn sample_points(mesh: &TriangleMesh, count: usize, mut uniform: impl FnMut() -> f64) -> Result<Vec<SurfacePoint>> {
+    let sampler = SurfaceSampler::try_new(mesh)?;
+    Ok((0..count).map(|_| sampler.sample(&mut uniform)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitives::{grid_sheet, icosphere};
+    use planish_estimate::ErrorKind;
+    use planish_estimate::vector3::distance;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn density_follows_area_not_triangles() {
+        // One half of the sheet is cut into many more triangles; both halves must get half of the points.
+        let mut mesh = grid_sheet(1.0, 1.0, 20, 20);
+        for p in &mut mesh.positions {
+            p[0] = if p[0] < 0.3 {
+                (p[0] + 0.5) / 0.8 * 0.5 - 0.5
+            } else {
+                (p[0] - 0.3) / 0.2 * 0.5
+            };
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let points = sample_points(&mesh, 40_000, || random.random::<f64>()).unwrap();
+        // Chi-square over a 4 × 4 grid of equal areas: 15 degrees of freedom, 0.999 quantile 37.7.
+        let mut counts = [0_usize; 16];
+        for p in &points {
+            let cell = |x: f64| (((x + 0.5) * 4.0) as usize).min(3);
+            counts[cell(p.position[0]) + 4 * cell(p.position[1])] += 1;
+            assert!(p.normal[2] > 1.0 - 1e-15);
+        }
+        let chi: f64 = counts.iter().map(|&c| (c as f64 - 2500.0).powi(2) / 2500.0).sum();
+        assert!(chi < 37.7, "{chi} {counts:?}");
+    }
+
+    #[test]
+    fn a_seed_gives_the_same_points_and_they_lie_on_their_triangle() {
+        let ball = icosphere(1.0, 2);
+        let draw = || {
+            let mut random = ChaCha8Rng::seed_from_u64(9);
+            sample_points(&ball, 500, || random.random::<f64>()).unwrap()
+        };
+        let points = draw();
+        assert_eq!(points, draw());
+        for p in points {
+            assert!(distance(ball.point_at(p.triangle as usize, p.barycentric), p.position) < 1e-15);
+            assert!(p.barycentric.iter().all(|&b| (0.0..=1.0).contains(&b)));
+        }
+    }
+
+    #[test]
+    fn triangles_without_area_are_never_drawn() {
+        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]];
+        let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 3], [0, 1, 2], [0, 0, 1]]).unwrap();
+        let sampler = SurfaceSampler::try_new(&mesh).unwrap();
+        for u in [0.0, 0.5, 1.0 - f64::EPSILON / 2.0, 1.0] {
+            assert_eq!(sampler.sample(&mut || u).triangle, 1);
+        }
+        let flat = TriangleMesh {
+            triangles: vec![[0, 1, 3]],
+            ..mesh
+        };
+        assert_eq!(
+            SurfaceSampler::try_new(&flat).unwrap_err().kind(),
+            ErrorKind::Undetermined
+        );
+    }
+}

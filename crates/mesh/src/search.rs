@@ -1,0 +1,303 @@
+//! Closest points on a mesh, with the side.
+//!
+//! Comes in: a mesh, then points in its frame. Goes out: the nearest point of the surface, the feature it lies on, and
+//! the signed distance by that feature's angle-weighted pseudo-normal.
+//! Not guaranteed: which of several equally near triangles is named where rounding decides between them (exact ties
+//! go to the lowest number); the sign at features all of whose triangles lack area (it is positive there).
+
+use rayon::prelude::*;
+
+use planish_estimate::vector3::{add, dot, norm, sub, unit};
+use planish_estimate::{Error, Result};
+
+use crate::bvh::{Bvh, MAX_DEPTH, squared_distance_to_box};
+use crate::edges::EdgeTable;
+use crate::mesh::TriangleMesh;
+use crate::triangle::{Feature, Foot, area_vector, closest_on_triangle, unit_normal, unit_or_zero};
+
+/// Points of one parallel task of a batch: fixed, so that the hints inside a task do not depend on the threads.
+const CHUNK: usize = 256;
+/// A box is passed over only where it is farther than the best triangle by more than rounding.
+const ROUNDING_SLACK: f64 = 1.0 + 1e-14;
+
+/// The point of a mesh that is closest to a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosestPoint {
+    /// Distance, never negative.
+    pub distance: f64,
+    /// Distance, positive on the side that the normal points to.
+    pub signed_distance: f64,
+    /// The closest point.
+    pub point: [f64; 3],
+    /// The triangle it lies on.
+    pub triangle: u32,
+    /// Weights of the triangle's corners.
+    pub barycentric: [f64; 3],
+    /// The part of the triangle it lies on.
+    pub feature: Feature,
+    /// The feature's unit pseudo-normal: that of the face, the sum of an edge's faces, or the angle-weighted sum of a
+    /// vertex's faces; zero where none of them has an area.
+    pub normal: [f64; 3],
+    /// Whether the feature is on an open border of the mesh. A point beyond the border has its foot there.
+    pub on_boundary: bool,
+}
+
+/// A mesh prepared for closest points and rays. It keeps its own copy, about 250 bytes a triangle.
+///
+/// # References
+/// Bærentzen and Aanæs, *Signed Distance Computation Using the Angle Weighted Pseudonormal*, IEEE TVCG 2005.
+#[derive(Debug, Clone)]
+pub struct MeshSearch {
+    pub(crate) bvh: Bvh,
+    /// The place of each triangle in the leaf order.
+    slots: Vec<u32>,
+    /// Vertices of each triangle, those at equal positions taken as one.
+    vertices: Vec<[u32; 3]>,
+    edges: Vec<[u32; 3]>,
+    vertex_normals: Vec<[f64; 3]>,
+    edge_normals: Vec<[f64; 3]>,
+    boundary_vertices: Vec<bool>,
+    boundary_edges: Vec<bool>,
+}
+
+impl MeshSearch {
+    /// Prepares a mesh. Vertices at equal positions count as one, so that triangle soups get the right sides.
+    /// Cost O(n log n).
+    ///
+    /// # Errors
+    /// `Undetermined` for a mesh without triangles, `Input` for one that fails [`TriangleMesh::sanity_check`].
+    pub fn try_new(mesh: &TriangleMesh) -> Result<Self> {
+        mesh.sanity_check()?;
+        if mesh.triangles.is_empty() {
+            return Err(Error::undetermined(
+                "a mesh without triangles has no closest points: give one with faces",
+            ));
+        }
+        let bvh = Bvh::of(mesh.triangles.len(), |t| mesh.corners(t));
+        let mut slots = vec![0; mesh.triangles.len()];
+        for (slot, &t) in bvh.triangles.iter().enumerate() {
+            slots[t as usize] = slot as u32;
+        }
+        let welded = mesh.welded();
+        let table = EdgeTable::of(&welded.triangles);
+        let face_normals = welded.face_normals();
+        let mut edge_normals = vec![[0.0; 3]; table.len()];
+        let mut boundary_edges = vec![false; table.len()];
+        let mut boundary_vertices = vec![false; welded.positions.len()];
+        for edge in 0..table.len() {
+            let around = table.half_edges(edge);
+            let sum = around
+                .iter()
+                .fold([0.0; 3], |sum, &half| add(sum, face_normals[half as usize / 3]));
+            edge_normals[edge] = unit_or_zero(sum);
+            if around.len() == 1 {
+                boundary_edges[edge] = true;
+                for v in table.ends[edge] {
+                    boundary_vertices[v as usize] = true;
+                }
+            }
+        }
+        Ok(Self {
+            bvh,
+            slots,
+            vertex_normals: welded.vertex_normals(),
+            vertices: welded.triangles,
+            edges: table.triangle_edges,
+            edge_normals,
+            boundary_vertices,
+            boundary_edges,
+        })
+    }
+
+    /// Number of triangles.
+    #[must_use]
+    pub fn triangle_count(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// The closest point of the mesh; `None` only where `point` is not finite.
+    #[must_use]
+    pub fn closest(&self, point: [f64; 3]) -> Option<ClosestPoint> {
+        self.closest_within(point, f64::INFINITY)
+    }
+
+    /// The closest point no farther than `max_distance`, in less time the smaller that is.
+    #[must_use]
+    pub fn closest_within(&self, point: [f64; 3], max_distance: f64) -> Option<ClosestPoint> {
+        let slot = self.nearest_slot(point, max_distance * max_distance, None, |_| true)?;
+        self.describe(point, slot)
+    }
+
+    /// The closest point, faster where triangle `hint` is near it: the answer of a previous iteration or a neighbour.
+    /// The answer does not depend on the hint; one that does not exist is passed over.
+    #[must_use]
+    pub fn closest_hinted(&self, point: [f64; 3], hint: u32) -> Option<ClosestPoint> {
+        let slot = self.nearest_slot(point, f64::INFINITY, self.slots.get(hint as usize).copied(), |_| true)?;
+        self.describe(point, slot)
+    }
+
+    /// The closest point on the triangles whose normal is within `max_angle_rad` of `normal`.
+    ///
+    /// Triangles without area are left out. `None` where nothing agrees, or `normal` is zero or not finite.
+    #[must_use]
+    pub fn closest_compatible(&self, point: [f64; 3], normal: [f64; 3], max_angle_rad: f64) -> Option<ClosestPoint> {
+        self.closest_compatible_within(point, normal, max_angle_rad, f64::INFINITY)
+    }
+
+    /// As [`MeshSearch::closest_compatible`], no farther than `max_distance`.
+    #[must_use]
+    pub fn closest_compatible_within(
+        &self,
+        point: [f64; 3],
+        normal: [f64; 3],
+        max_angle_rad: f64,
+        max_distance: f64,
+    ) -> Option<ClosestPoint> {
+        let normal = unit(normal)?;
+        let least_cosine = max_angle_rad.clamp(0.0, std::f64::consts::PI).cos();
+        let agrees = |corners: &[[f64; 3]; 3]| {
+            let n = area_vector(corners);
+            n != [0.0; 3] && dot(n, normal) >= least_cosine * norm(n)
+        };
+        let slot = self.nearest_slot(point, max_distance * max_distance, None, agrees)?;
+        self.describe(point, slot)
+    }
+
+    /// [`MeshSearch::closest`] for many points, in parallel; the same answers at any number of threads.
+    /// Points that follow their neighbours are found faster.
+    #[must_use]
+    pub fn closest_all(&self, points: &[[f64; 3]]) -> Vec<Option<ClosestPoint>> {
+        self.closest_all_within(points, f64::INFINITY)
+    }
+
+    /// [`MeshSearch::closest_within`] for many points, in parallel; the same answers at any number of threads.
+    #[must_use]
+    pub fn closest_all_within(&self, points: &[[f64; 3]], max_distance: f64) -> Vec<Option<ClosestPoint>> {
+        let bound = max_distance * max_distance;
+        let mut feet = vec![None; points.len()];
+        feet.par_chunks_mut(CHUNK)
+            .zip(points.par_chunks(CHUNK))
+            .for_each(|(feet, points)| {
+                let mut hint = None;
+                for (foot, &point) in feet.iter_mut().zip(points) {
+                    let slot = self.nearest_slot(point, bound, hint, |_| true);
+                    *foot = slot.and_then(|slot| self.describe(point, slot));
+                    hint = slot.or(hint);
+                }
+            });
+        feet
+    }
+
+    /// The place of the nearest accepted triangle no farther than the bound.
+    fn nearest_slot(
+        &self,
+        p: [f64; 3],
+        squared_bound: f64,
+        hint: Option<u32>,
+        accept: impl Fn(&[[f64; 3]; 3]) -> bool,
+    ) -> Option<u32> {
+        if !p.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let Bvh {
+            nodes,
+            corners,
+            triangles,
+        } = &self.bvh;
+        let mut best = squared_bound;
+        let mut found: Option<u32> = None;
+        let mut visit = |slot: u32, best: &mut f64| {
+            let Some(foot) = closest_on_triangle(p, &corners[slot as usize], *best) else {
+                return;
+            };
+            let d = foot.squared_distance;
+            let nearer =
+                d < *best || d == *best && found.is_none_or(|f| triangles[slot as usize] < triangles[f as usize]);
+            if nearer && accept(&corners[slot as usize]) {
+                *best = d;
+                found = Some(slot);
+            }
+        };
+        if let Some(hint) = hint {
+            visit(hint, &mut best);
+        }
+        let mut stack = [(0_u32, 0.0_f64); MAX_DEPTH];
+        let mut height = 0;
+        let mut at = 0;
+        loop {
+            let node = &nodes[at as usize];
+            if node.count > 0 {
+                for slot in node.first..node.first + node.count {
+                    visit(slot, &mut best);
+                }
+            } else {
+                let (left, right) = (node.first, node.first + 1);
+                let to_left = squared_distance_to_box(p, &nodes[left as usize]);
+                let to_right = squared_distance_to_box(p, &nodes[right as usize]);
+                let (near, to_near, far, to_far) = if to_left <= to_right {
+                    (left, to_left, right, to_right)
+                } else {
+                    (right, to_right, left, to_left)
+                };
+                let limit = best * ROUNDING_SLACK;
+                if to_near <= limit {
+                    if to_far <= limit {
+                        stack[height] = (far, to_far);
+                        height += 1;
+                    }
+                    at = near;
+                    continue;
+                }
+            }
+            loop {
+                if height == 0 {
+                    return found;
+                }
+                height -= 1;
+                let (next, distance) = stack[height];
+                if distance <= best * ROUNDING_SLACK {
+                    at = next;
+                    break;
+                }
+            }
+        }
+    }
+
+    fn describe(&self, p: [f64; 3], slot: u32) -> Option<ClosestPoint> {
+        let corners = &self.bvh.corners[slot as usize];
+        let Foot {
+            squared_distance,
+            point,
+            barycentric,
+            feature,
+        } = closest_on_triangle(p, corners, f64::INFINITY)?;
+        let triangle = self.bvh.triangles[slot as usize];
+        let (normal, on_boundary) = match feature {
+            Feature::Face => (unit_normal(corners), false),
+            Feature::Edge(k) => {
+                let edge = self.edges[triangle as usize][k as usize] as usize;
+                (self.edge_normals[edge], self.boundary_edges[edge])
+            }
+            Feature::Vertex(k) => {
+                let vertex = self.vertices[triangle as usize][k as usize] as usize;
+                (self.vertex_normals[vertex], self.boundary_vertices[vertex])
+            }
+        };
+        let distance = squared_distance.sqrt();
+        let behind = dot(sub(p, point), normal) < 0.0;
+        let signed_distance = if behind { -distance } else { distance };
+        Some(ClosestPoint {
+            distance,
+            signed_distance,
+            point,
+            triangle,
+            barycentric,
+            feature,
+            normal,
+            on_boundary,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,152 @@
+//! One triangle: its normal, its angles, and the point of it that is closest to another point.
+//!
+//! Comes in: three corners, in any position, coincident ones included. Goes out: numbers that stay finite.
+//! Not guaranteed: a direction for a triangle without area; its normal is zero.
+
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
+
+/// Height over longest edge at which a triangle counts as having no area. At this ratio the rounding of corners of the
+/// size of the triangle turns its normal by about 2e-16 / 1e-12 rad, still harmless; ten times thinner it would not be.
+const DEGENERATE_RATIO: f64 = 1e-12;
+
+/// The part of a triangle that a point lies on. Corner `k` is the k-th index of the triangle; edge `k` runs from corner
+/// `k` to corner `(k + 1) % 3`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Feature {
+    /// The open interior.
+    Face,
+    /// The open edge from this corner to the next.
+    Edge(u8),
+    /// This corner.
+    Vertex(u8),
+}
+
+/// The closest point of one triangle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Foot {
+    pub squared_distance: f64,
+    pub point: [f64; 3],
+    pub barycentric: [f64; 3],
+    pub feature: Feature,
+}
+
+/// `(b − a) × (c − a)`, with zero for a triangle that has no area worth a direction.
+#[inline]
+pub(crate) fn area_vector(t: &[[f64; 3]; 3]) -> [f64; 3] {
+    let (ab, ac) = (sub(t[1], t[0]), sub(t[2], t[0]));
+    let n = cross(ab, ac);
+    if has_area(dot(n, n), ab, ac) { n } else { [0.0; 3] }
+}
+
+/// The unit normal, counter-clockwise seen from its tip, or zero where there is no area.
+#[inline]
+pub(crate) fn unit_normal(t: &[[f64; 3]; 3]) -> [f64; 3] {
+    unit_or_zero(area_vector(t))
+}
+
+/// `a / |a|`, or zero.
+#[inline]
+pub(crate) fn unit_or_zero(a: [f64; 3]) -> [f64; 3] {
+    planish_estimate::vector3::unit(a).unwrap_or([0.0; 3])
+}
+
+/// The three interior angles in radians.
+pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let (a, b) = (sub(t[(k + 1) % 3], t[k]), sub(t[(k + 2) % 3], t[k]));
+        norm(cross(a, b)).atan2(dot(a, b))
+    })
+}
+
+/// `Σ b_k corner_k`.
+#[inline]
+pub(crate) fn point_at(t: &[[f64; 3]; 3], barycentric: [f64; 3]) -> [f64; 3] {
+    add_scaled(
+        add_scaled(scale(barycentric[0], t[0]), barycentric[1], t[1]),
+        barycentric[2],
+        t[2],
+    )
+}
+
+#[inline]
+fn has_area(squared_cross: f64, ab: [f64; 3], ac: [f64; 3]) -> bool {
+    let bc = sub(ac, ab);
+    let longest = dot(ab, ab).max(dot(ac, ac)).max(dot(bc, bc));
+    squared_cross > (DEGENERATE_RATIO * longest) * (DEGENERATE_RATIO * longest)
+}
+
+/// The closest point of triangle `t` to `p`; `None` where the triangle's plane alone is farther than
+/// `sqrt(squared_bound)`.
+///
+/// A point that projects outside some edges has its foot on one of those edges, so only they are looked at. Without
+/// area all three are.
+#[inline]
+pub(crate) fn closest_on_triangle(p: [f64; 3], t: &[[f64; 3]; 3], squared_bound: f64) -> Option<Foot> {
+    let (ab, ac, ap) = (sub(t[1], t[0]), sub(t[2], t[0]), sub(p, t[0]));
+    let n = cross(ab, ac);
+    let nn = dot(n, n);
+    let mut outside = [true; 3];
+    if has_area(nn, ab, ac) {
+        let height = dot(n, ap);
+        // The slack keeps rounding from dropping a triangle that ties with the best one.
+        if height * height > squared_bound * nn * (1.0 + 1e-12) {
+            return None;
+        }
+        let (v, w) = (dot(cross(ap, ac), n), dot(cross(ab, ap), n));
+        let u = nn - v - w;
+        if u > 0.0 && v > 0.0 && w > 0.0 {
+            return Some(Foot {
+                squared_distance: height * height / nn,
+                point: add_scaled(p, -height / nn, n),
+                barycentric: [u / nn, v / nn, w / nn],
+                feature: Feature::Face,
+            });
+        }
+        outside = [w <= 0.0, u <= 0.0, v <= 0.0];
+    }
+    let mut best: Option<Foot> = None;
+    for k in 0..3 {
+        if outside[k] {
+            let foot = closest_on_edge(p, t, k);
+            if best.is_none_or(|best| foot.squared_distance < best.squared_distance) {
+                best = Some(foot);
+            }
+        }
+    }
+    best
+}
+
+#[inline]
+fn closest_on_edge(p: [f64; 3], t: &[[f64; 3]; 3], k: usize) -> Foot {
+    let next = if k == 2 { 0 } else { k + 1 };
+    let (a, b) = (t[k], t[next]);
+    let ab = sub(b, a);
+    let along = dot(sub(p, a), ab);
+    let length = dot(ab, ab);
+    let mut barycentric = [0.0; 3];
+    let (point, feature) = if along <= 0.0 || length == 0.0 {
+        barycentric[k] = 1.0;
+        (a, Feature::Vertex(k as u8))
+    } else if along >= length {
+        barycentric[next] = 1.0;
+        (b, Feature::Vertex(next as u8))
+    } else {
+        let s = along / length;
+        barycentric[k] = 1.0 - s;
+        barycentric[next] = s;
+        (add_scaled(a, s, ab), Feature::Edge(k as u8))
+    };
+    let d = sub(p, point);
+    Foot {
+        squared_distance: dot(d, d),
+        point,
+        barycentric,
+        feature,
+    }
+}
+
+/// Area of a triangle.
+#[inline]
+pub(crate) fn area(t: &[[f64; 3]; 3]) -> f64 {
+    0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])))
+}
