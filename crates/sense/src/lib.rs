@@ -1,7 +1,13 @@
 //! Sensors: what a scan is, how its errors are modelled, and which readings are not to be trusted.
 
+mod normals;
 mod pose;
 mod scan;
+mod sensor;
 
+pub use normals::{
+    ScanChecks, ScanGeometry, Suspicion, nearest_neighbour_normals, orient_normals, ray_at, scan_geometry,
+};
 pub use pose::Pose;
 pub use scan::{RangeGrid, Scan, Viewing};
+pub use sensor::{Noise, Sensor, SensorKind, variance_along};

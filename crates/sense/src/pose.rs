@@ -19,7 +19,10 @@ impl Pose {
     /// The motion that moves nothing.
     #[must_use]
     pub fn identity() -> Self {
-        Self { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
+        Self {
+            rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            translation: [0.0; 3],
+        }
     }
 
     /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion of length zero or not finite.
@@ -31,9 +34,21 @@ impl Pose {
         }
         let [x, y, z, w] = quaternion.map(|c| c / norm);
         let rotation = [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+            [
+                1.0 - 2.0 * (y * y + z * z),
+                2.0 * (x * y - w * z),
+                2.0 * (x * z + w * y),
+            ],
+            [
+                2.0 * (x * y + w * z),
+                1.0 - 2.0 * (x * x + z * z),
+                2.0 * (y * z - w * x),
+            ],
+            [
+                2.0 * (x * z - w * y),
+                2.0 * (y * z + w * x),
+                1.0 - 2.0 * (x * x + y * y),
+            ],
         ];
         Some(Self { rotation, translation })
     }
@@ -52,10 +67,30 @@ impl Pose {
         let largest = (0..4).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).unwrap_or(3);
         let s = 2.0 * squares[largest].sqrt();
         let q = match largest {
-            0 => [s / 4.0, (r[0][1] + r[1][0]) / s, (r[0][2] + r[2][0]) / s, (r[2][1] - r[1][2]) / s],
-            1 => [(r[0][1] + r[1][0]) / s, s / 4.0, (r[1][2] + r[2][1]) / s, (r[0][2] - r[2][0]) / s],
-            2 => [(r[0][2] + r[2][0]) / s, (r[1][2] + r[2][1]) / s, s / 4.0, (r[1][0] - r[0][1]) / s],
-            _ => [(r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s, (r[1][0] - r[0][1]) / s, s / 4.0],
+            0 => [
+                s / 4.0,
+                (r[0][1] + r[1][0]) / s,
+                (r[0][2] + r[2][0]) / s,
+                (r[2][1] - r[1][2]) / s,
+            ],
+            1 => [
+                (r[0][1] + r[1][0]) / s,
+                s / 4.0,
+                (r[1][2] + r[2][1]) / s,
+                (r[0][2] - r[2][0]) / s,
+            ],
+            2 => [
+                (r[0][2] + r[2][0]) / s,
+                (r[1][2] + r[2][1]) / s,
+                s / 4.0,
+                (r[1][0] - r[0][1]) / s,
+            ],
+            _ => [
+                (r[2][1] - r[1][2]) / s,
+                (r[0][2] - r[2][0]) / s,
+                (r[1][0] - r[0][1]) / s,
+                s / 4.0,
+            ],
         };
         if q[3] < 0.0 { q.map(|c| -c) } else { q }
     }
@@ -71,7 +106,11 @@ impl Pose {
     #[must_use]
     pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
         let q = self.rotate(p);
-        [q[0] + self.translation[0], q[1] + self.translation[1], q[2] + self.translation[2]]
+        [
+            q[0] + self.translation[0],
+            q[1] + self.translation[1],
+            q[2] + self.translation[2],
+        ]
     }
 
     /// The motion that undoes this one.
@@ -79,8 +118,15 @@ impl Pose {
     pub fn inverse(&self) -> Self {
         let r = &self.rotation;
         let rotation = [0, 1, 2].map(|i| [r[0][i], r[1][i], r[2][i]]);
-        let back = Self { rotation, translation: [0.0; 3] }.rotate(self.translation);
-        Self { rotation, translation: back.map(|c| -c) }
+        let back = Self {
+            rotation,
+            translation: [0.0; 3],
+        }
+        .rotate(self.translation);
+        Self {
+            rotation,
+            translation: back.map(|c| -c),
+        }
     }
 }
 
@@ -90,7 +136,13 @@ mod tests {
 
     #[test]
     fn quaternion_there_and_back_keeps_the_motion() {
-        for q in [[0.1, -0.7, 0.2, 0.6], [0.9, 0.1, 0.1, -0.2], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1e-9], [0.0, 0.0, 0.0, 1.0]] {
+        for q in [
+            [0.1, -0.7, 0.2, 0.6],
+            [0.9, 0.1, 0.1, -0.2],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 1.0, 0.0, 1e-9],
+            [0.0, 0.0, 0.0, 1.0],
+        ] {
             let pose = Pose::from_quaternion_xyzw(q, [1.0, 2.0, 3.0]).unwrap();
             let again = Pose::from_quaternion_xyzw(pose.quaternion_xyzw(), [1.0, 2.0, 3.0]).unwrap();
             let p = [0.3, -0.4, 0.5];

@@ -1,0 +1,363 @@
+//! Surface normals of raw scans, and what the sampling grid says of each point.
+//!
+//! Comes in: scans. Goes out: a unit normal for every point (zero where none can be had), oriented towards the sensor where
+//! its viewpoint is known and consistently over the cloud elsewhere; and marks for points at depth edges and grazing angles.
+//!
+//! Not guaranteed: orientation across parts of a cloud that lie far apart when no viewpoint is known.
+
+use crate::{Scan, Viewing};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+use std::collections::BinaryHeap;
+use std::num::NonZero;
+
+/// What the scan itself says against a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Suspicion {
+    /// Nothing.
+    None,
+    /// Next to a jump in depth: mixed readings and curled edges.
+    DepthEdge,
+    /// Seen at a grazing angle.
+    Grazing,
+}
+
+/// Settings of the scan checks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScanChecks {
+    /// Angle between ray and normal, in degrees, from which a reading is grazing.
+    pub grazing_deg: f64,
+    /// Angle between ray and a mesh edge's perpendicular, in degrees, beyond which the edge is a jump in depth.
+    pub jump_deg: f64,
+    /// Neighbours for normals of unorganised clouds.
+    pub neighbours: usize,
+}
+
+impl Default for ScanChecks {
+    fn default() -> Self {
+        // A surface at 80° rises 5.7 grid steps a step: beyond, two neighbours rarely lie on the same surface.
+        Self {
+            grazing_deg: 78.0,
+            jump_deg: 83.0,
+            neighbours: 12,
+        }
+    }
+}
+
+/// Normals and suspicions of one scan, in its own frame.
+#[derive(Debug, Clone, Default)]
+pub struct ScanGeometry {
+    /// Unit normals, zero where unknown.
+    pub normals: Vec<[f64; 3]>,
+    /// What speaks against each point.
+    pub suspicion: Vec<Suspicion>,
+    /// Whether the normals point to the side the sensor was on.
+    pub oriented: bool,
+}
+
+/// Unit direction of the ray that hit `p`, where the viewing is known.
+#[must_use]
+pub fn ray_at(viewing: Viewing, p: [f64; 3]) -> Option<[f64; 3]> {
+    match viewing {
+        Viewing::Unknown => None,
+        Viewing::Direction(d) => unit(d),
+        Viewing::Origin(o) => unit(sub(p, o)),
+    }
+}
+
+/// Normals and suspicions of a scan: from the file's normals, else from its grid, else from nearest neighbours.
+///
+/// # Errors
+/// `Undetermined` when an unorganised scan has fewer than three points.
+pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
+    let count = scan.points.len();
+    let mut geometry = ScanGeometry {
+        normals: Vec::new(),
+        suspicion: vec![Suspicion::None; count],
+        oriented: true,
+    };
+    if let Some(grid) = &scan.grid {
+        grid_geometry(scan, grid, checks, &mut geometry);
+    }
+    if let Some(normals) = &scan.normals {
+        geometry.normals = normals.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
+    } else if scan.grid.is_none() {
+        geometry.normals = nearest_neighbour_normals(&scan.points, checks.neighbours)?;
+        geometry.oriented = scan.viewing != Viewing::Unknown;
+    }
+    for i in 0..count {
+        let Some(ray) = ray_at(scan.viewing, scan.points[i]) else {
+            break;
+        };
+        let n = &mut geometry.normals[i];
+        if scan.normals.is_none() && dot(*n, ray) > 0.0 {
+            *n = scale(-1.0, *n);
+        }
+        let facing = -dot(*n, ray);
+        if geometry.suspicion[i] == Suspicion::None && norm(*n) > 0.5 && facing < checks.grazing_deg.to_radians().cos()
+        {
+            geometry.suspicion[i] = Suspicion::Grazing;
+        }
+    }
+    Ok(geometry)
+}
+
+/// Normals of the triangles that each grid square's points make, jumps in depth left out.
+fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geometry: &mut ScanGeometry) {
+    let count = scan.points.len();
+    let mut sums = vec![[0.0; 3]; count];
+    let mut at_jump = vec![false; count];
+    let jump = checks.jump_deg.to_radians().sin();
+    let is_jump = |a: usize, b: usize| {
+        let edge = sub(scan.points[b], scan.points[a]);
+        match (unit(edge), ray_at(scan.viewing, scan.points[a])) {
+            // The edge's slope against the plane across the ray.
+            (Some(direction), Some(ray)) => dot(direction, ray).abs() > jump,
+            _ => false,
+        }
+    };
+    for row in 0..grid.rows.saturating_sub(1) {
+        for column in 0..grid.columns.saturating_sub(1) {
+            let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dc, dr)| grid.point(column + dc, row + dr));
+            let present: Vec<usize> = corners.iter().flatten().copied().collect();
+            if present.len() < 3 {
+                continue;
+            }
+            let mut triangle = |t: [usize; 3]| {
+                let mut broken = false;
+                for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                    if is_jump(a, b) {
+                        at_jump[a] = true;
+                        at_jump[b] = true;
+                        broken = true;
+                    }
+                }
+                if broken {
+                    return;
+                }
+                let [a, b, c] = t.map(|i| scan.points[i]);
+                let mut n = cross(sub(b, a), sub(c, a));
+                if let Some(ray) = ray_at(scan.viewing, a)
+                    && dot(n, ray) > 0.0
+                {
+                    n = scale(-1.0, n);
+                }
+                for i in t {
+                    sums[i] = add(sums[i], n);
+                }
+            };
+            if present.len() == 3 {
+                triangle([present[0], present[1], present[2]]);
+            } else {
+                // The shorter diagonal.
+                let d = |a: usize, b: usize| norm(sub(scan.points[present[a]], scan.points[present[b]]));
+                let split = if d(0, 2) <= d(1, 3) {
+                    [[0, 1, 2], [0, 2, 3]]
+                } else {
+                    [[0, 1, 3], [1, 2, 3]]
+                };
+                for t in split {
+                    triangle(t.map(|k| present[k]));
+                }
+            }
+        }
+    }
+    geometry.normals = sums.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
+    for (mark, &jump) in geometry.suspicion.iter_mut().zip(&at_jump) {
+        if jump {
+            *mark = Suspicion::DepthEdge;
+        }
+    }
+}
+
+/// Unit normals of a cloud by the flattest direction of each point's `k` nearest neighbours; the sign is arbitrary.
+///
+/// Cost: one tree and one query a point, in parallel.
+///
+/// # Errors
+/// `Undetermined` for fewer than three points.
+///
+/// # References
+/// Hoppe et al., *Surface reconstruction from unorganized points*, 1992.
+pub fn nearest_neighbour_normals(points: &[[f64; 3]], k: usize) -> Result<Vec<[f64; 3]>> {
+    let tree = tree(points)?;
+    let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
+    Ok(points
+        .par_iter()
+        .with_min_len(256)
+        .map(|p| {
+            let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
+            let some: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
+            flattest_direction(&some)
+        })
+        .collect())
+}
+
+fn tree(points: &[[f64; 3]]) -> Result<ImmutableKdTree<f64, 3>> {
+    if points.len() < 3 {
+        return Err(Error::undetermined(format!(
+            "{} points have no normals: at least 3 are needed",
+            points.len()
+        )));
+    }
+    ImmutableKdTree::new_from_slice(points)
+        .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
+}
+
+/// The eigenvector of least variance of a few points, by the closed form for symmetric 3 × 3 matrices.
+fn flattest_direction(points: &[[f64; 3]]) -> [f64; 3] {
+    let count = points.len() as f64;
+    let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
+    let mut m = [[0.0; 3]; 3];
+    for p in points {
+        let d = sub(*p, mean);
+        for i in 0..3 {
+            for j in 0..3 {
+                m[i][j] += d[i] * d[j];
+            }
+        }
+    }
+    let trace = m[0][0] + m[1][1] + m[2][2];
+    if trace <= 0.0 {
+        return [0.0; 3];
+    }
+    let q = trace / 3.0;
+    let off = m[0][1].powi(2) + m[0][2].powi(2) + m[1][2].powi(2);
+    let p = (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
+    if p <= 1e-12 * trace {
+        return [0.0; 3];
+    }
+    let b: [[f64; 3]; 3] =
+        std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
+    let r = (0.5 * dot(b[0], cross(b[1], b[2]))).clamp(-1.0, 1.0);
+    let least = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let shifted: [[f64; 3]; 3] =
+        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { least } else { 0.0 }));
+    // The null vector is the longest of the rows' cross products.
+    let candidates = [
+        cross(shifted[0], shifted[1]),
+        cross(shifted[1], shifted[2]),
+        cross(shifted[2], shifted[0]),
+    ];
+    let best = candidates
+        .into_iter()
+        .max_by(|a, b| norm(*a).total_cmp(&norm(*b)))
+        .unwrap_or([0.0; 3]);
+    unit(best).unwrap_or([0.0; 3])
+}
+
+/// Flips normals so that neighbours agree, starting from those already fixed, or from the point farthest from the middle
+/// (whose normal must point outwards).
+///
+/// Greedy growth over the neighbour graph, most parallel pairs first.
+///
+/// # Errors
+/// `Undetermined` for fewer than three points.
+///
+/// # References
+/// Hoppe et al., *Surface reconstruction from unorganized points*, 1992, §3.3.
+pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bool], k: usize) -> Result<()> {
+    let tree = tree(points)?;
+    let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
+    let mut done = fixed.to_vec();
+    let mut queue: BinaryHeap<(u64, u32, u32)> = BinaryHeap::new();
+    // Agreement in [0, 1] as an ordered integer.
+    let agreement = |a: [f64; 3], b: [f64; 3]| (dot(a, b).abs() * 1e9) as u64;
+    let push = |queue: &mut BinaryHeap<(u64, u32, u32)>, normals: &[[f64; 3]], done: &[bool], i: usize| {
+        for near in tree.query(&points[i]).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
+            let j = near.item as usize;
+            if !done[j] {
+                queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
+            }
+        }
+    };
+    for i in 0..points.len() {
+        if done[i] {
+            push(&mut queue, normals, &done, i);
+        }
+    }
+    let middle = scale(
+        1.0 / points.len() as f64,
+        points.iter().fold([0.0; 3], |s, p| add(s, *p)),
+    );
+    let mut outward: Vec<u32> = (0..points.len() as u32).collect();
+    let from_middle = |i: u32| norm(sub(points[i as usize], middle));
+    outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
+    let mut seeds = outward.into_iter();
+    loop {
+        while let Some((_, j, i)) = queue.pop() {
+            let (j, i) = ((u32::MAX - j) as usize, i as usize);
+            if done[j] {
+                continue;
+            }
+            if dot(normals[i], normals[j]) < 0.0 {
+                normals[j] = scale(-1.0, normals[j]);
+            }
+            done[j] = true;
+            push(&mut queue, normals, &done, j);
+        }
+        let Some(seed) = seeds.find(|&i| !done[i as usize]) else {
+            return Ok(());
+        };
+        let seed = seed as usize;
+        if dot(normals[seed], sub(points[seed], middle)) < 0.0 {
+            normals[seed] = scale(-1.0, normals[seed]);
+        }
+        done[seed] = true;
+        push(&mut queue, normals, &done, seed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RangeGrid;
+
+    fn sphere(n: usize) -> Vec<[f64; 3]> {
+        (0..n)
+            .map(|i| {
+                let z = 1.0 - 2.0 * (i as f64 + 0.5) / n as f64;
+                let a = i as f64 * 2.399_963_229_728_653;
+                let r = (1.0 - z * z).sqrt();
+                [r * a.cos(), r * a.sin(), z]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn normals_of_an_unorganised_sphere_point_outwards() {
+        let points = sphere(4000);
+        let mut normals = nearest_neighbour_normals(&points, 12).unwrap();
+        orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
+        for (p, n) in points.iter().zip(&normals) {
+            assert!(dot(*p, *n) > 0.99, "{p:?} {n:?}");
+        }
+    }
+
+    #[test]
+    fn a_step_in_a_range_grid_is_a_depth_edge_and_nothing_else_is() {
+        let (columns, rows) = (20, 10);
+        let mut scan = Scan {
+            viewing: Viewing::Direction([0.0, 0.0, -1.0]),
+            ..Scan::default()
+        };
+        let mut cells = Vec::new();
+        for r in 0..rows {
+            for c in 0..columns {
+                cells.push(scan.points.len() as u32);
+                scan.points
+                    .push([c as f64, r as f64, if c < 10 { 0.0 } else { 20.0 } + 0.3 * r as f64]);
+            }
+        }
+        scan.grid = Some(RangeGrid { columns, rows, cells });
+        let geometry = scan_geometry(&scan, &ScanChecks::default()).unwrap();
+        for (i, p) in scan.points.iter().enumerate() {
+            let at_step = p[0] == 9.0 || p[0] == 10.0;
+            assert_eq!(geometry.suspicion[i] == Suspicion::DepthEdge, at_step, "{p:?}");
+            let n = geometry.normals[i];
+            assert!((n[2] - 1.0 / 1.09_f64.sqrt()).abs() < 1e-12 && n[1] < 0.0, "{n:?}");
+        }
+    }
+}

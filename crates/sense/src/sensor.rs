@@ -1,0 +1,126 @@
+//! Sensor error models: what one reading's covariance is.
+
+use planish_estimate::vector3::dot;
+
+/// What sort of instrument took the readings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum SensorKind {
+    /// Range along rays: scanners, depth cameras.
+    #[default]
+    Range,
+    /// A touch probe.
+    Touch,
+}
+
+impl SensorKind {
+    /// The name used in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Range => "range",
+            Self::Touch => "touch",
+        }
+    }
+}
+
+/// Standard deviations of a position reading, in the model's unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Noise {
+    /// The same in every direction.
+    Isotropic {
+        /// Standard deviation of each coordinate.
+        sigma: f64,
+    },
+    /// Along the ray and across it.
+    Ray {
+        /// Standard deviation of the range.
+        sigma_along: f64,
+        /// Standard deviation of each of the two coordinates across the ray.
+        sigma_across: f64,
+    },
+}
+
+impl Noise {
+    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading taken along the unit `ray` (any direction where it is unknown:
+    /// the noise along the ray then counts in all directions).
+    #[must_use]
+    pub fn covariance(&self, ray: Option<[f64; 3]>) -> [f64; 6] {
+        let isotropic = |s: f64| [s * s, 0.0, 0.0, s * s, 0.0, s * s];
+        match (*self, ray) {
+            (Self::Isotropic { sigma }, _) => isotropic(sigma),
+            (Self::Ray { sigma_along, .. }, None) => isotropic(sigma_along),
+            (
+                Self::Ray {
+                    sigma_along,
+                    sigma_across,
+                },
+                Some(r),
+            ) => {
+                let extra = sigma_along * sigma_along - sigma_across * sigma_across;
+                let mut c = isotropic(sigma_across);
+                for (entry, product) in c.iter_mut().zip([
+                    r[0] * r[0],
+                    r[0] * r[1],
+                    r[0] * r[2],
+                    r[1] * r[1],
+                    r[1] * r[2],
+                    r[2] * r[2],
+                ]) {
+                    *entry += extra * product;
+                }
+                c
+            }
+        }
+    }
+
+    /// One number for messages and reports: the standard deviation along the ray.
+    #[must_use]
+    pub fn sigma(&self) -> f64 {
+        match *self {
+            Self::Isotropic { sigma } | Self::Ray { sigma_along: sigma, .. } => sigma,
+        }
+    }
+}
+
+/// A sensor that scans refer to.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Sensor {
+    /// Its name in jobs and reports.
+    pub name: String,
+    /// What it is.
+    pub kind: SensorKind,
+    /// Its stated noise; none where it is to be estimated.
+    pub noise: Option<Noise>,
+}
+
+/// `nᵀ R n` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+#[inline]
+#[must_use]
+pub fn variance_along(r: &[f64; 6], n: [f64; 3]) -> f64 {
+    let [xx, xy, xz, yy, yz, zz] = *r;
+    dot(
+        n,
+        [
+            xx * n[0] + xy * n[1] + xz * n[2],
+            xy * n[0] + yy * n[1] + yz * n[2],
+            xz * n[0] + yz * n[1] + zz * n[2],
+        ],
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ray_noise_has_its_two_sigmas_along_and_across() {
+        let noise = Noise::Ray {
+            sigma_along: 3.0,
+            sigma_across: 0.5,
+        };
+        let c = noise.covariance(Some([0.6, 0.0, 0.8]));
+        assert!((variance_along(&c, [0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);
+        assert!((variance_along(&c, [0.8, 0.0, -0.6]) - 0.25).abs() < 1e-12);
+        assert!((variance_along(&c, [0.0, 1.0, 0.0]) - 0.25).abs() < 1e-12);
+    }
+}
