@@ -1,0 +1,230 @@
+//! In which order the nodes are eliminated.
+//!
+//! Comes in: a pattern, and for the geometric ordering a point in the parameter plane for each node. Goes out: a
+//! permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::SymbolicSparseColMatRef;
+use faer::sparse::linalg::amd;
+
+use super::BlockPattern;
+use super::pattern::Graph;
+use crate::{Error, Result};
+
+/// Pieces of at most this many nodes are not dissected further.
+///
+/// Measured on bicubic grids (7 × 7 stencil): 24 to 64 differ by less than 5 % in the time of the factorisation.
+const LEAF_NODES: usize = 40;
+/// A piece that is smaller than this part of its parent counts as a failed cut by value; the cut goes by rank instead.
+const LEAST_SHARE: f64 = 0.3;
+
+/// A permutation of nodes for elimination.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeOrdering {
+    old_from_new: Vec<u32>,
+}
+
+impl NodeOrdering {
+    /// The order in which the nodes are numbered.
+    #[must_use]
+    pub fn natural(nodes: usize) -> Self {
+        Self { old_from_new: (0..nodes as u32).collect() }
+    }
+
+    /// A given permutation: `old_from_new[k]` is the node that is eliminated as the k-th.
+    ///
+    /// # Errors
+    /// `Input` when a node is missing or comes twice.
+    pub fn from_permutation(old_from_new: Vec<u32>) -> Result<Self> {
+        let mut seen = vec![false; old_from_new.len()];
+        for &node in &old_from_new {
+            match seen.get_mut(node as usize) {
+                Some(place) if !*place => *place = true,
+                _ => return Err(Error::input(format!("node {node} comes twice or does not exist: no permutation"))),
+            }
+        }
+        Ok(Self { old_from_new })
+    }
+
+    /// Approximate minimum degree, for patterns without coordinates.
+    ///
+    /// # Errors
+    /// `Unsupported` when the pattern is too large for the index type.
+    ///
+    /// # References
+    /// Amestoy, Davis, Duff, *An approximate minimum degree ordering algorithm*, 1996; faer's implementation.
+    pub fn amd(pattern: &BlockPattern) -> Result<Self> {
+        let nodes = pattern.nodes();
+        let too_large = |_| Error::unsupported("the pattern is too large for the minimum-degree ordering");
+        // The lower triangle by columns, read as the upper triangle by columns of the transposed, is what AMD takes;
+        // it looks at the pattern of A + Aᵀ, so either triangle serves.
+        let mut starts: Vec<u64> = Vec::with_capacity(nodes + 1);
+        let mut rows: Vec<u64> = Vec::with_capacity(pattern.entries());
+        starts.push(0);
+        for node in 0..nodes {
+            rows.extend(pattern.column(node).iter().map(|&row| u64::from(row)));
+            starts.push(rows.len() as u64);
+        }
+        let matrix = SymbolicSparseColMatRef::new_checked(nodes, nodes, &starts, None, &rows);
+        let mut memory = MemBuffer::try_new(amd::order_scratch::<u64>(nodes, rows.len()))
+            .map_err(|_| Error::unsupported("not enough memory for the minimum-degree ordering"))?;
+        let (mut forward, mut inverse) = (vec![0_u64; nodes], vec![0_u64; nodes]);
+        amd::order(&mut forward, &mut inverse, matrix, amd::Control::default(), MemStack::new(&mut memory))
+            .map_err(too_large)?;
+        Self::from_permutation(forward.into_iter().map(|node| node as u32).collect())
+    }
+
+    /// Geometric nested dissection: pieces are halved at a coordinate, the nodes between the halves come last.
+    ///
+    /// `coordinates[node]` is a point in the parameter plane, in any unit. Both directions are tried at every piece, and
+    /// the cut with the smaller separator for its balance is taken. The separator is found in the graph: the nodes of
+    /// one half that are coupled with the other. So periodic directions and nested levels of refinement need no care.
+    /// Cost: O(e log n) for e entries of the pattern.
+    ///
+    /// # Errors
+    /// `Input` when coordinates are missing or not finite.
+    ///
+    /// # References
+    /// George, *Nested dissection of a regular finite element mesh*, 1973.
+    pub fn nested_dissection(pattern: &BlockPattern, coordinates: &[[f64; 2]]) -> Result<Self> {
+        if coordinates.len() != pattern.nodes() {
+            return Err(Error::input(format!(
+                "nested dissection needs a point for each of {} nodes, {} were given",
+                pattern.nodes(),
+                coordinates.len()
+            )));
+        }
+        if let Some(node) = coordinates.iter().position(|point| !point.iter().all(|value| value.is_finite())) {
+            return Err(Error::input(format!("the coordinates of node {node} are not finite")));
+        }
+        let mut dissection = Dissection {
+            graph: Graph::renamed(pattern, |node| node),
+            coordinates,
+            side: vec![OUTSIDE; pattern.nodes()],
+            order: Vec::with_capacity(pattern.nodes()),
+        };
+        dissection.dissect((0..pattern.nodes() as u32).collect());
+        Ok(Self { old_from_new: dissection.order })
+    }
+
+    /// The nodes in the order of elimination.
+    #[must_use]
+    pub fn old_from_new(&self) -> &[u32] {
+        &self.old_from_new
+    }
+}
+
+const OUTSIDE: u8 = 0;
+const LOW: u8 = 1;
+const HIGH: u8 = 2;
+
+struct Dissection<'a> {
+    graph: Graph,
+    coordinates: &'a [[f64; 2]],
+    /// The half of the piece at hand that holds a node.
+    side: Vec<u8>,
+    order: Vec<u32>,
+}
+
+/// A piece in three parts, none coupled across except through the separator.
+struct Cut {
+    low: Vec<u32>,
+    high: Vec<u32>,
+    separator: Vec<u32>,
+}
+
+impl Cut {
+    /// Cost of a cut: the cube of the separator for its own elimination, more when one part stays large.
+    fn cost(&self) -> f64 {
+        let total = (self.low.len() + self.high.len() + self.separator.len()) as f64;
+        let larger = self.low.len().max(self.high.len()) as f64;
+        self.separator.len() as f64 * (1.0 + 2.0 * (larger / total - 0.5).max(0.0))
+    }
+}
+
+impl Dissection<'_> {
+    fn dissect(&mut self, mut piece: Vec<u32>) {
+        if piece.len() <= LEAF_NODES {
+            piece.sort_unstable();
+            self.order.append(&mut piece);
+            return;
+        }
+        let (first, second) = (self.cut(&piece, 0), self.cut(&piece, 1));
+        let (mut cut, along) = if second.cost() < first.cost() { (second, 0) } else { (first, 1) };
+        if cut.low.is_empty() && cut.high.is_empty() {
+            // Everything is coupled with everything.
+            piece.sort_unstable();
+            self.order.append(&mut piece);
+            return;
+        }
+        drop(piece);
+        self.dissect(cut.low);
+        self.dissect(cut.high);
+        let coordinates = self.coordinates;
+        let place = |node: u32| coordinates[node as usize];
+        cut.separator.sort_unstable_by(|&a, &b| {
+            place(a)[along]
+                .total_cmp(&place(b)[along])
+                .then(place(a)[1 - along].total_cmp(&place(b)[1 - along]))
+                .then(a.cmp(&b))
+        });
+        self.order.append(&mut cut.separator);
+    }
+
+    /// Halves a piece at a coordinate of the given axis and takes out the separator.
+    fn cut(&mut self, piece: &[u32], axis: usize) -> Cut {
+        let value = |node: u32| self.coordinates[node as usize][axis];
+        let mut sorted = piece.to_vec();
+        let middle = sorted.len() / 2;
+        let by_rank = |a: &u32, b: &u32| value(*a).total_cmp(&value(*b)).then(a.cmp(b));
+        let (_, &mut median, _) = sorted.select_nth_unstable_by(middle, by_rank);
+        let at = value(median);
+        // Nodes with the median's own coordinate go to one side together, so that grid lines stay whole.
+        let below = piece.iter().filter(|&&node| value(node) < at).count();
+        let up_to = piece.iter().filter(|&&node| value(node) <= at).count();
+        let share = |count: usize| count.min(piece.len() - count) as f64 / piece.len() as f64;
+        let is_low: Box<dyn Fn(u32) -> bool> = if share(below).max(share(up_to)) < LEAST_SHARE {
+            Box::new(|node| by_rank(&node, &median).is_lt())
+        } else if share(below) >= share(up_to) {
+            Box::new(|node| value(node) < at)
+        } else {
+            Box::new(|node| value(node) <= at)
+        };
+        for &node in piece {
+            self.side[node as usize] = if is_low(node) { LOW } else { HIGH };
+        }
+        drop(is_low);
+
+        let touches = |node: u32, other: u8| {
+            self.graph.neighbours(node as usize).iter().any(|&neighbour| self.side[neighbour as usize] == other)
+        };
+        let (mut border, mut count) = (vec![false; piece.len()], [0_usize; 2]);
+        let mut size = [0_usize; 2];
+        for (&node, at_border) in piece.iter().zip(&mut border) {
+            let side = self.side[node as usize];
+            size[usize::from(side - LOW)] += 1;
+            if touches(node, LOW + HIGH - side) {
+                *at_border = true;
+                count[usize::from(side - LOW)] += 1;
+            }
+        }
+        // Of two equally small borders, that of the larger half.
+        let from_low = count[0] < count[1] || (count[0] == count[1] && size[0] >= size[1]);
+        let giving = if from_low { LOW } else { HIGH };
+        let mut cut = Cut { low: Vec::new(), high: Vec::new(), separator: Vec::new() };
+        for (&node, &at_border) in piece.iter().zip(&border) {
+            let side = self.side[node as usize];
+            if at_border && side == giving {
+                cut.separator.push(node);
+            } else if side == LOW {
+                cut.low.push(node);
+            } else {
+                cut.high.push(node);
+            }
+        }
+        for &node in piece {
+            self.side[node as usize] = OUTSIDE;
+        }
+        cut
+    }
+}

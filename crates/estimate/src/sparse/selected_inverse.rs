@@ -1,0 +1,281 @@
+//! The covariance where the factor has entries.
+//!
+//! Comes in: a Cholesky factor. Goes out: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every pair of
+//! nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for those.
+
+use std::sync::Arc;
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
+use faer::linalg::triangular_inverse::invert_lower_triangular;
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::prelude::{Reborrow, ReborrowMut};
+use faer::{Accum, MatMut, MatRef, Par};
+
+use super::{BlockInformation, BlockPattern, CholeskyFactor, SymbolicFactor};
+use crate::{Error, Result};
+
+/// Selected entries of the covariance `Z = Λ⁻¹`, exact up to rounding.
+///
+/// For a supernode with columns C and rows R below, `Y = L_RC L_CC⁻¹`, from the last supernode to the first:
+///
+/// ```text
+/// Z_RC = −Z_RR Y        Z_CC = L_CC⁻ᵀ L_CC⁻¹ − Yᵀ Z_RC
+/// ```
+///
+/// `Z_RR` is known by then: R is coupled in the parent's front. Cost: about twice the operations of the factorisation.
+///
+/// # References
+/// Takahashi, Fagan, Chin, *Formation of a sparse bus impedance matrix*, 1973; Erisman and Tinney, *On computing certain
+/// elements of the inverse of a sparse matrix*, 1975; Rue and Martino, *Approximate Bayesian inference for hierarchical
+/// Gaussian Markov random field models*, 2007.
+#[derive(Clone)]
+pub struct SelectedInverse {
+    symbolic: Arc<SymbolicFactor>,
+    /// Panels as those of the factor, diagonal blocks whole.
+    values: Vec<f64>,
+}
+
+impl SelectedInverse {
+    /// The selected inverse behind a factor.
+    #[must_use]
+    pub fn new(factor: &CholeskyFactor) -> Self {
+        let symbolic = factor.symbolic();
+        let b = symbolic.block_size();
+        let mut values = vec![0.0; symbolic.stored_values()];
+        // Z_RR of a supernode, filled when its parent is done.
+        let mut known: Vec<Option<Vec<f64>>> = vec![None; symbolic.supernodes()];
+        let mut spare: Vec<Vec<f64>> = Vec::new();
+        let (mut gain, mut inverse) = (Vec::new(), Vec::new());
+
+        for s in (0..symbolic.supernodes()).rev() {
+            let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+            let (top, below) = factor.panel(s);
+            let panel = &mut values[symbolic.value_start[s]..symbolic.value_start[s + 1]];
+            let z_rows = known[s].take().unwrap_or_default();
+            let (mut z_own, mut z_below) =
+                MatMut::from_column_major_slice_mut(panel, columns + height, columns).split_at_row_mut(columns);
+
+            resize(&mut inverse, columns * columns);
+            let mut inverse = MatMut::from_column_major_slice_mut(&mut inverse, columns, columns);
+            invert_lower_triangular(inverse.rb_mut(), top, Par::Seq);
+            triangular_matmul(
+                z_own.rb_mut(),
+                BlockStructure::TriangularLower,
+                Accum::Replace,
+                inverse.rb().transpose(),
+                BlockStructure::TriangularUpper,
+                inverse.rb(),
+                BlockStructure::TriangularLower,
+                1.0,
+                Par::Seq,
+            );
+            if height > 0 {
+                let z_rows = MatRef::from_column_major_slice(&z_rows, height, height);
+                resize(&mut gain, height * columns);
+                let mut gain = MatMut::from_column_major_slice_mut(&mut gain, height, columns);
+                gain.copy_from(below);
+                solve_upper_triangular_in_place(top.transpose(), gain.rb_mut().transpose_mut(), Par::Seq);
+                matmul(z_below.rb_mut(), Accum::Replace, z_rows, gain.rb(), -1.0, Par::Seq);
+                triangular_matmul(
+                    z_own.rb_mut(),
+                    BlockStructure::TriangularLower,
+                    Accum::Add,
+                    gain.rb().transpose(),
+                    BlockStructure::Rectangular,
+                    z_below.rb(),
+                    BlockStructure::Rectangular,
+                    -1.0,
+                    Par::Seq,
+                );
+            }
+            for column in 0..columns {
+                for row in column + 1..columns {
+                    z_own[(column, row)] = z_own[(row, column)];
+                }
+            }
+
+            for &child in symbolic.children(s) {
+                let mut part = spare.pop().unwrap_or_default();
+                gather(symbolic.places(child as usize), b, panel, columns, height, &z_rows, &mut part);
+                known[child as usize] = Some(part);
+            }
+            spare.push(z_rows);
+        }
+        Self { symbolic: Arc::clone(symbolic), values }
+    }
+
+    /// The analysis behind the selected inverse.
+    #[must_use]
+    pub fn symbolic(&self) -> &Arc<SymbolicFactor> {
+        &self.symbolic
+    }
+
+    /// Memory of the numbers, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.values.len() * size_of::<f64>()
+    }
+
+    /// The `b × b` covariance of the unknowns of node `i` (rows) with those of node `j` (columns), row-major.
+    ///
+    /// `None` when the pair is not in the factor or a node does not exist.
+    #[must_use]
+    pub fn block(&self, i: u32, j: u32) -> Option<Vec<f64>> {
+        let b = self.symbolic.block_size();
+        let mut block = vec![0.0; b * b];
+        self.copy_block(i, j, &mut block, b).then_some(block)
+    }
+
+    /// Copies block `(i, j)` to a row-major target whose rows are `stride` apart; false when the pair is not there.
+    fn copy_block(&self, i: u32, j: u32, target: &mut [f64], stride: usize) -> bool {
+        let symbolic = &*self.symbolic;
+        let nodes = symbolic.new_from_old.len() as u32;
+        if i >= nodes || j >= nodes {
+            return false;
+        }
+        let (row, column) = (symbolic.new_from_old[i as usize], symbolic.new_from_old[j as usize]);
+        let Some(slot) = symbolic.locate(row.max(column), row.min(column)) else { return false };
+        let b = symbolic.block_size();
+        for r in 0..b {
+            for s in 0..b {
+                let (down, across) = if row >= column { (r, s) } else { (s, r) };
+                target[r * stride + s] = self.values[slot.offset + across * slot.stride as usize + down];
+            }
+        }
+        true
+    }
+
+    /// The variances of all unknowns, node-major.
+    #[must_use]
+    pub fn diagonal(&self) -> Vec<f64> {
+        let symbolic = &*self.symbolic;
+        let b = symbolic.block_size();
+        let mut diagonal = vec![0.0; symbolic.dimension()];
+        for s in 0..symbolic.supernodes() {
+            let stride = symbolic.columns(s) + symbolic.height(s);
+            for k in 0..symbolic.columns(s) {
+                let node = symbolic.old_from_new[symbolic.supernode_start[s] as usize + k / b] as usize;
+                diagonal[node * b + k % b] = self.values[symbolic.value_start[s] + k * stride + k];
+            }
+        }
+        diagonal
+    }
+
+    /// The dense `k·b × k·b` covariance of k nodes, row-major.
+    ///
+    /// Always there for nodes of one element of the pattern; `None` when some pair is not in the factor.
+    #[must_use]
+    pub fn dense(&self, nodes: &[u32]) -> Option<Vec<f64>> {
+        let mut covariance = Vec::new();
+        self.dense_into(nodes, &mut covariance).then_some(covariance)
+    }
+
+    /// As [`Self::dense`], into memory that is used again; false when some pair is not in the factor.
+    pub fn dense_into(&self, nodes: &[u32], covariance: &mut Vec<f64>) -> bool {
+        let b = self.symbolic.block_size();
+        let stride = nodes.len() * b;
+        covariance.clear();
+        covariance.resize(stride * stride, 0.0);
+        for (a, &i) in nodes.iter().enumerate() {
+            for (c, &j) in nodes[..=a].iter().enumerate() {
+                if !self.copy_block(i, j, &mut covariance[a * b * stride + c * b..], stride) {
+                    return false;
+                }
+                for r in 0..b {
+                    for s in 0..b {
+                        covariance[(c * b + s) * stride + a * b + r] = covariance[(a * b + r) * stride + c * b + s];
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    /// `tr(Λ⁻¹ K)` for a matrix `K` on the same pattern.
+    ///
+    /// `K` may have one unknown per node where `Λ` has b: it is then meant as `K ⊗ I_b`. Cost: O(entries of K).
+    ///
+    /// # Errors
+    /// `Input` when `K` has another pattern or block size.
+    pub fn trace_with(&self, matrix: &BlockInformation) -> Result<f64> {
+        let symbolic = &*self.symbolic;
+        let b = symbolic.block_size();
+        let own = matrix.block_size();
+        if !BlockPattern::same(matrix.pattern(), symbolic.pattern()) || (own != b && own != 1) {
+            return Err(Error::input("the matrix has another pattern or block size than the covariance"));
+        }
+        let pattern = symbolic.pattern();
+        let mut trace = 0.0;
+        for node in 0..pattern.nodes() {
+            let range = pattern.column_range(node);
+            for position in range.clone() {
+                let slot = symbolic.slots[position];
+                let weight = if position == range.start { 1.0 } else { 2.0 };
+                let covariance = |row: usize, column: usize| {
+                    let (row, column) = if slot.transposed { (column, row) } else { (row, column) };
+                    self.values[slot.offset + column * slot.stride as usize + row]
+                };
+                let values = &matrix.values()[position * own * own..(position + 1) * own * own];
+                if own == b {
+                    for row in 0..b {
+                        for column in 0..b {
+                            trace += weight * covariance(row, column) * values[row * b + column];
+                        }
+                    }
+                } else {
+                    for k in 0..b {
+                        trace += weight * covariance(k, k) * values[0];
+                    }
+                }
+            }
+        }
+        Ok(trace)
+    }
+}
+
+impl std::fmt::Debug for SelectedInverse {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SelectedInverse").field("symbolic", &self.symbolic).finish_non_exhaustive()
+    }
+}
+
+fn resize(buffer: &mut Vec<f64>, length: usize) {
+    buffer.clear();
+    buffer.resize(length, 0.0);
+}
+
+/// `Z_RR` of a child from its parent's front.
+fn gather(
+    places: &[u32],
+    b: usize,
+    panel: &[f64],
+    columns: usize,
+    height: usize,
+    z_rows: &[f64],
+    part: &mut Vec<f64>,
+) {
+    let size = places.len() * b;
+    resize(part, size * size);
+    for (at, &place) in places.iter().enumerate() {
+        for k in 0..b {
+            let column = place as usize * b + k;
+            let (source, shift) = if column < columns {
+                (&panel[column * (columns + height)..(column + 1) * (columns + height)], 0)
+            } else {
+                (&z_rows[(column - columns) * height..(column - columns + 1) * height], columns)
+            };
+            let j = at * b + k;
+            for (i, &row) in places.iter().enumerate().skip(at) {
+                for r in 0..b {
+                    part[j * size + i * b + r] = source[row as usize * b + r - shift];
+                }
+            }
+        }
+    }
+    for j in 0..size {
+        for i in j + 1..size {
+            part[i * size + j] = part[j * size + i];
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! The trace of a covariance times a matrix by random probes, for when the selected inverse is not wanted.
+//!
+//! Comes in: a factor, a matrix, a seed. Goes out: an estimate with its own standard error, the same for the same seed.
+
+use super::{BlockInformation, CholeskyFactor};
+use crate::{Error, Result};
+
+/// Probes that are solved together.
+const BATCH: usize = 8;
+
+/// A trace found by random probes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TraceEstimate {
+    /// The mean over the probes; unbiased.
+    pub value: f64,
+    /// The standard error of the mean; NaN for a single probe.
+    pub standard_error: f64,
+    /// How many probes were used.
+    pub probes: usize,
+}
+
+/// `tr(Λ⁻¹ K)` as the mean of `(Λ⁻¹ z)ᵀ K z` over random `z` of independent ±1.
+///
+/// `matrix` has as many unknowns as the factor; its pattern may be another. Cost: one solution per probe.
+///
+/// # Errors
+/// `Input` when the dimensions differ or when no probes are asked for.
+///
+/// # References
+/// Hutchinson, *A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines*, 1989.
+pub fn stochastic_trace(
+    factor: &CholeskyFactor,
+    matrix: &BlockInformation,
+    probes: usize,
+    seed: u64,
+) -> Result<TraceEstimate> {
+    let dimension = factor.symbolic().dimension();
+    if matrix.dimension() != dimension || probes == 0 {
+        return Err(Error::input(format!(
+            "a trace needs probes and a matrix of dimension {dimension}; {probes} probes and dimension {} were given",
+            matrix.dimension()
+        )));
+    }
+    let mut signs = Signs { state: seed, bits: 0, left: 0 };
+    let mut samples: Vec<f64> = Vec::with_capacity(probes);
+    while samples.len() < probes {
+        let columns = BATCH.min(probes - samples.len());
+        // Probe by probe, so that the first probes are the same however many follow.
+        let mut z = vec![0.0; dimension * columns];
+        for column in 0..columns {
+            for row in 0..dimension {
+                z[row * columns + column] = signs.draw();
+            }
+        }
+        let mut product = vec![0.0; z.len()];
+        matrix.multiply(&z, &mut product)?;
+        factor.solve_in_place(&mut product)?;
+        for column in 0..columns {
+            samples.push((0..dimension).map(|row| z[row * columns + column] * product[row * columns + column]).sum());
+        }
+    }
+    let count = probes as f64;
+    let value = samples.iter().sum::<f64>() / count;
+    let spread: f64 = samples.iter().map(|sample| (sample - value) * (sample - value)).sum();
+    Ok(TraceEstimate { value, standard_error: (spread / (count - 1.0) / count).sqrt(), probes })
+}
+
+/// Random signs from SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
+struct Signs {
+    state: u64,
+    bits: u64,
+    left: u32,
+}
+
+impl Signs {
+    fn draw(&mut self) -> f64 {
+        if self.left == 0 {
+            self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            let mut mixed = self.state;
+            mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            self.bits = mixed ^ (mixed >> 31);
+            self.left = u64::BITS;
+        }
+        let sign = if self.bits & 1 == 0 { -1.0 } else { 1.0 };
+        self.bits >>= 1;
+        self.left -= 1;
+        sign
+    }
+}
