@@ -42,7 +42,7 @@ pub struct ClosestPoint {
     pub on_boundary: bool,
 }
 
-/// A mesh prepared for closest points and rays. It keeps its own copy, about 250 bytes a triangle.
+/// A mesh prepared for closest points and rays. It keeps its own copy, about 180 bytes a triangle.
 ///
 /// # References
 /// Bærentzen and Aanæs, *Signed Distance Computation Using the Angle Weighted Pseudonormal*, IEEE TVCG 2005.
@@ -124,12 +124,14 @@ impl MeshSearch {
     /// The closest point no farther than `max_distance`, in less time the smaller that is.
     #[must_use]
     pub fn closest_within(&self, point: [f64; 3], max_distance: f64) -> Option<ClosestPoint> {
-        let slot = self.nearest_slot(point, max_distance * max_distance, None, |_| true)?;
+        let slot = self.nearest_slot(point, squared_bound(max_distance), None, |_| true)?;
         self.describe(point, slot)
     }
 
-    /// The closest point, faster where triangle `hint` is near it: the answer of a previous iteration or a neighbour.
-    /// The answer does not depend on the hint; one that does not exist is passed over.
+    /// The closest point, started at triangle `hint`: the answer of a previous iteration or a neighbour.
+    ///
+    /// The answer does not depend on the hint; one that does not exist is passed over. It saves little, for the tree
+    /// finds a near triangle first in any case: at most a fifth of the time where it was measured.
     #[must_use]
     pub fn closest_hinted(&self, point: [f64; 3], hint: u32) -> Option<ClosestPoint> {
         let slot = self.nearest_slot(point, f64::INFINITY, self.slots.get(hint as usize).copied(), |_| true)?;
@@ -159,7 +161,7 @@ impl MeshSearch {
             let n = area_vector(corners);
             n != [0.0; 3] && dot(n, normal) >= least_cosine * norm(n)
         };
-        let slot = self.nearest_slot(point, max_distance * max_distance, None, agrees)?;
+        let slot = self.nearest_slot(point, squared_bound(max_distance), None, agrees)?;
         self.describe(point, slot)
     }
 
@@ -173,7 +175,7 @@ impl MeshSearch {
     /// [`MeshSearch::closest_within`] for many points, in parallel; the same answers at any number of threads.
     #[must_use]
     pub fn closest_all_within(&self, points: &[[f64; 3]], max_distance: f64) -> Vec<Option<ClosestPoint>> {
-        let bound = max_distance * max_distance;
+        let bound = squared_bound(max_distance);
         let mut feet = vec![None; points.len()];
         feet.par_chunks_mut(CHUNK)
             .zip(points.par_chunks(CHUNK))
@@ -297,6 +299,11 @@ impl MeshSearch {
             on_boundary,
         })
     }
+}
+
+/// The square of a distance, below zero for a negative one: nothing is that near.
+fn squared_bound(max_distance: f64) -> f64 {
+    max_distance * max_distance.abs()
 }
 
 #[cfg(test)]

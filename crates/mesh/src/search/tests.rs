@@ -227,6 +227,7 @@ fn incompatible_triangles_are_passed_over() {
     assert!((up.signed_distance + 0.08).abs() < 1e-15 && up.triangle < 18);
     assert!(search.closest_compatible(p, [1.0, 0.0, 0.1], 0.5).is_none());
     assert!(search.closest_compatible(p, [0.0; 3], 3.0).is_none());
+    assert!(search.closest_within(p, -1.0).is_none() && search.closest_within([0.0; 3], -1.0).is_none());
     assert!(
         search
             .closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.05)
