@@ -10,12 +10,12 @@ use std::sync::Arc;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::information::columns_of;
+use super::symbolic::Run;
 use super::{BlockInformation, BlockPattern, SymbolicFactor};
 use crate::{Error, Result};
 
@@ -58,7 +58,11 @@ impl CholeskyFactor {
     /// node at which elimination broke down. `Input` when the information has another pattern or block size than the
     /// analysis, or entries that are not finite.
     pub fn factorize(symbolic: &Arc<SymbolicFactor>, information: &BlockInformation) -> Result<Self> {
-        Self { symbolic: Arc::clone(symbolic), values: Vec::new() }.refactorize(information)
+        Self {
+            symbolic: Arc::clone(symbolic),
+            values: Vec::new(),
+        }
+        .refactorize(information)
     }
 
     /// Factors other information of the same pattern in the memory of this factor. Gives the same bytes as
@@ -71,11 +75,11 @@ impl CholeskyFactor {
         if information.block_size() != symbolic.block_size()
             || !BlockPattern::same(information.pattern(), symbolic.pattern())
         {
-            return Err(Error::input("the information has another pattern or block size than the symbolic analysis"));
+            return Err(Error::input(
+                "the information has another pattern or block size than the symbolic analysis",
+            ));
         }
-        self.values.clear();
         self.values.resize(symbolic.stored_values(), 0.0);
-        scatter(&symbolic, information, &mut self.values);
         match eliminate(&symbolic, information, &mut self.values) {
             Ok(()) => Ok(self),
             Err(breakdown) => Err(breakdown.explain(&symbolic, information)),
@@ -148,7 +152,9 @@ impl CholeskyFactor {
     /// Rue and Held, *Gaussian Markov Random Fields*, 2005, algorithm 2.4.
     pub fn solve_lower_transpose_in_place(&self, z: &mut [f64]) -> Result<()> {
         let columns = columns_of("a vector", self.symbolic.dimension(), z.len())?;
-        let mut work = faer::Mat::from_fn(self.symbolic.dimension(), columns, |row, column| z[row * columns + column]);
+        let mut work = faer::Mat::from_fn(self.symbolic.dimension(), columns, |row, column| {
+            z[row * columns + column]
+        });
         self.backward(work.as_mut());
         self.restore(work.as_ref(), z);
         Ok(())
@@ -231,7 +237,9 @@ impl CholeskyFactor {
 
 impl std::fmt::Debug for CholeskyFactor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("CholeskyFactor").field("symbolic", &self.symbolic).finish_non_exhaustive()
+        f.debug_struct("CholeskyFactor")
+            .field("symbolic", &self.symbolic)
+            .finish_non_exhaustive()
     }
 }
 
@@ -245,20 +253,26 @@ fn for_each_row(symbolic: &SymbolicFactor, s: usize, mut visit: impl FnMut(usize
     }
 }
 
-/// Writes the information into the panels.
-fn scatter(symbolic: &SymbolicFactor, information: &BlockInformation, panels: &mut [f64]) {
+/// Writes the information of one supernode into its panel, which starts at `start` in the values of the factor.
+fn assemble(symbolic: &SymbolicFactor, s: usize, information: &BlockInformation, panel: &mut [f64], start: usize) {
     let b = symbolic.block_size();
+    panel.fill(0.0);
     if b == 1 {
-        for (slot, &value) in symbolic.slots.iter().zip(information.values()) {
-            panels[slot.offset] = value;
+        for slot in symbolic.slots(s) {
+            panel[slot.offset - start] = information.values()[slot.entry()];
         }
         return;
     }
-    for (slot, values) in symbolic.slots.iter().zip(information.values().chunks_exact(b * b)) {
+    for slot in symbolic.slots(s) {
+        let values = &information.values()[slot.entry() * b * b..(slot.entry() + 1) * b * b];
         for column in 0..b {
-            let target = &mut panels[slot.offset + column * slot.stride as usize..][..b];
+            let target = &mut panel[slot.offset - start + column * slot.stride()..][..b];
             for (row, to) in target.iter_mut().enumerate() {
-                *to = if slot.transposed { values[column * b + row] } else { values[row * b + column] };
+                *to = if slot.transposed() {
+                    values[column * b + row]
+                } else {
+                    values[row * b + column]
+                };
             }
         }
     }
@@ -276,7 +290,11 @@ impl Breakdown {
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];
-        let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
+        let of = if b == 1 {
+            String::new()
+        } else {
+            format!(" (unknown {} of {b})", self.unknown % b)
+        };
         Error::undetermined(format!(
             "the information is not positive definite: elimination breaks down at node {node}{of}, which the data and the \
              prior leave undetermined; add data there or a stronger prior"
@@ -291,24 +309,34 @@ fn eliminate(
 ) -> std::result::Result<(), Breakdown> {
     let b = symbolic.block_size();
     let diagonal = information.diagonal();
-    let widest = (0..symbolic.supernodes()).map(|s| symbolic.columns(s)).max().unwrap_or(0);
+    let widest = (0..symbolic.supernodes())
+        .map(|s| symbolic.columns(s))
+        .max()
+        .unwrap_or(0);
     let params = faer::Spec::default();
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(widest, Par::Seq, params));
     let stack = MemStack::new(&mut memory);
-    let mut updates: Vec<Option<Vec<f64>>> = vec![None; symbolic.supernodes()];
+    let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.supernodes()];
+    // Memory of updates that were taken up, with whatever numbers are in it.
     let mut spare: Vec<Vec<f64>> = Vec::new();
 
     for s in 0..symbolic.supernodes() {
         let (columns, height) = (symbolic.columns(s), symbolic.height(s));
-        let panel = &mut panels[symbolic.value_start[s]..symbolic.value_start[s + 1]];
-        let mut update = spare.pop().unwrap_or_default();
-        update.clear();
-        update.resize(height * height, 0.0);
+        let start = symbolic.value_start[s];
+        let panel = &mut panels[start..symbolic.value_start[s + 1]];
+        assemble(symbolic, s, information, panel, start);
         for &child in symbolic.children(s) {
-            if let Some(child_update) = updates[child as usize].take() {
-                extend_add(&child_update, symbolic.places(child as usize), b, panel, columns, height, &mut update);
-                spare.push(child_update);
-            }
+            let runs = symbolic.runs(child as usize);
+            let size = symbolic.height(child as usize);
+            extend_add(
+                &updates[child as usize],
+                size,
+                runs,
+                |to| to < columns,
+                panel,
+                columns + height,
+                0,
+            );
         }
 
         let first = symbolic.supernode_start[s] as usize * b;
@@ -326,56 +354,94 @@ fn eliminate(
         }
         if height > 0 {
             solve_lower_triangular_in_place(top.rb(), below.rb_mut().transpose_mut(), Par::Seq);
-            triangular_matmul(
-                MatMut::from_column_major_slice_mut(&mut update, height, height),
-                BlockStructure::TriangularLower,
-                Accum::Add,
+            let mut update = spare.pop().unwrap_or_default();
+            if update.len() < height * height {
+                update.resize(height * height, 0.0);
+            }
+            minus_square(
                 below.rb(),
-                BlockStructure::Rectangular,
-                below.rb().transpose(),
-                BlockStructure::Rectangular,
-                -1.0,
-                Par::Seq,
+                MatMut::from_column_major_slice_mut(&mut update[..height * height], height, height),
             );
+            for &child in symbolic.children(s) {
+                let runs = symbolic.runs(child as usize);
+                let size = symbolic.height(child as usize);
+                extend_add(
+                    &updates[child as usize],
+                    size,
+                    runs,
+                    |to| to >= columns,
+                    &mut update,
+                    height,
+                    columns,
+                );
+            }
+            updates[s] = update;
         }
-        updates[s] = Some(update);
+        for &child in symbolic.children(s) {
+            spare.push(std::mem::take(&mut updates[child as usize]));
+        }
     }
     Ok(())
 }
 
-/// Adds the lower triangle of a child's update to its parent's front: the panel and the update beside it.
+/// Columns of an update that are computed together.
+const SQUARE_COLUMNS: usize = 64;
+
+/// `U ← −B Bᵀ` in the lower triangle. Blocks on the diagonal are computed whole: that is faster than to spare half.
+fn minus_square(below: MatRef<'_, f64>, mut update: MatMut<'_, f64>) {
+    let height = below.nrows();
+    let mut from = 0;
+    while from < height {
+        let width = SQUARE_COLUMNS.min(height - from);
+        matmul(
+            update.rb_mut().submatrix_mut(from, from, height - from, width),
+            Accum::Replace,
+            below.subrows(from, height - from),
+            below.subrows(from, width).transpose(),
+            -1.0,
+            Par::Seq,
+        );
+        from += width;
+    }
+}
+
+/// Adds the lower triangle of a child's update to its parent's front, in the columns that `here` selects.
+///
+/// The target's columns and rows count from `shift` in the front.
 fn extend_add(
     child: &[f64],
-    places: &[u32],
-    b: usize,
-    panel: &mut [f64],
-    columns: usize,
-    height: usize,
-    update: &mut [f64],
+    size: usize,
+    runs: &[Run],
+    here: impl Fn(usize) -> bool,
+    target: &mut [f64],
+    stride: usize,
+    shift: usize,
 ) {
-    let size = places.len() * b;
-    for (at, &place) in places.iter().enumerate() {
-        for k in 0..b {
-            let source = &child[(at * b + k) * size..(at * b + k + 1) * size];
-            let column = place as usize * b + k;
-            // Rows of the front count from `shift` in the target.
-            let (target, shift) = if column < columns {
-                (&mut panel[column * (columns + height)..(column + 1) * (columns + height)], 0)
-            } else {
-                (&mut update[(column - columns) * height..(column - columns + 1) * height], columns)
-            };
-            if b == 1 {
-                for (&row, &value) in places[at..].iter().zip(&source[at..]) {
-                    target[row as usize - shift] += value;
-                }
-            } else {
-                for (&row, values) in places[at..].iter().zip(source[at * b..].chunks_exact(b)) {
-                    let row = row as usize * b - shift;
-                    for (to, &value) in target[row..row + b].iter_mut().zip(values) {
-                        *to += value;
-                    }
-                }
+    for (at, run) in runs.iter().enumerate() {
+        let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
+        for k in 0..length {
+            if !here(to + k) {
+                continue;
+            }
+            let source = &child[(from + k) * size..(from + k + 1) * size];
+            let target = &mut target[(to + k - shift) * stride..(to + k - shift + 1) * stride];
+            add(
+                &mut target[to + k - shift..to + length - shift],
+                &source[from + k..from + length],
+            );
+            for below in &runs[at + 1..] {
+                let (from, to, length) = (below.from as usize, below.to as usize, below.length as usize);
+                add(
+                    &mut target[to - shift..to + length - shift],
+                    &source[from..from + length],
+                );
             }
         }
+    }
+}
+
+fn add(target: &mut [f64], source: &[f64]) {
+    for (to, &from) in target.iter_mut().zip(source) {
+        *to += from;
     }
 }

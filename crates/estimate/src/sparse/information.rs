@@ -44,9 +44,7 @@ impl ElementScatter {
                 let position = pattern.position(row, column).ok_or_else(|| not_coupled(row, column))? as u32;
                 let repeated = a != c && row == column;
                 repeats |= repeated;
-                slots.push(
-                    position | if row < column { TRANSPOSED } else { 0 } | if repeated { REPEATED } else { 0 },
-                );
+                slots.push(position | if row < column { TRANSPOSED } else { 0 } | if repeated { REPEATED } else { 0 });
             }
         }
         Ok(Self {
@@ -66,7 +64,9 @@ impl ElementScatter {
 }
 
 fn not_coupled(i: u32, j: u32) -> Error {
-    Error::input(format!("nodes {i} and {j} are not coupled in the pattern: give the element to the pattern first"))
+    Error::input(format!(
+        "nodes {i} and {j} are not coupled in the pattern: give the element to the pattern first"
+    ))
 }
 
 /// Information over the nodes of a shared pattern: the matrix `Λ` in `b × b` blocks and the vectors `η`.
@@ -107,7 +107,13 @@ impl BlockInformation {
         }
         let values = vec![0.0; pattern.entries() * block * block];
         let vector = vec![0.0; pattern.nodes() * block * columns];
-        Ok(Self { pattern, block, columns, values, vector })
+        Ok(Self {
+            pattern,
+            block,
+            columns,
+            values,
+            vector,
+        })
     }
 
     /// The shared pattern.
@@ -168,7 +174,11 @@ impl BlockInformation {
         let b = self.block;
         let position = self.pattern.position(i, j)?;
         let stored = &self.values[position * b * b..(position + 1) * b * b];
-        Some(if i >= j { stored.to_vec() } else { (0..b * b).map(|at| stored[at % b * b + at / b]).collect() })
+        Some(if i >= j {
+            stored.to_vec()
+        } else {
+            (0..b * b).map(|at| stored[at % b * b + at / b]).collect()
+        })
     }
 
     /// Adds one element's information, with a search for its entries.
@@ -248,7 +258,9 @@ impl BlockInformation {
     /// `Input` when patterns, block sizes or numbers of columns differ.
     pub fn add_scaled(&mut self, other: &Self, weight: f64) -> Result<()> {
         if !BlockPattern::same(&self.pattern, &other.pattern) {
-            return Err(Error::input("information over different patterns does not add: use the union of both patterns"));
+            return Err(Error::input(
+                "information over different patterns does not add: use the union of both patterns",
+            ));
         }
         if self.block != other.block || self.columns != other.columns {
             return Err(Error::input(format!(
@@ -271,14 +283,19 @@ impl BlockInformation {
     /// `Input` when the wider pattern lacks an entry of this one.
     pub fn on_pattern(&self, wider: &Arc<BlockPattern>) -> Result<Self> {
         if BlockPattern::same(&self.pattern, wider) {
-            return Ok(Self { pattern: Arc::clone(wider), ..self.clone() });
+            return Ok(Self {
+                pattern: Arc::clone(wider),
+                ..self.clone()
+            });
         }
         expect_length("a wider pattern", self.pattern.nodes(), wider.nodes())?;
         let mut spread = Self::zeros(Arc::clone(wider), self.block, self.columns)?;
         let size = self.block * self.block;
         for node in 0..self.pattern.nodes() {
             for (from, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
-                let to = wider.position(row, node as u32).ok_or_else(|| not_coupled(row, node as u32))?;
+                let to = wider
+                    .position(row, node as u32)
+                    .ok_or_else(|| not_coupled(row, node as u32))?;
                 spread.values[to * size..(to + 1) * size].copy_from_slice(&self.values[from * size..(from + 1) * size]);
             }
         }
@@ -305,7 +322,10 @@ impl BlockInformation {
         let b = self.block;
         expect_length("a diagonal block", b * b, matrix.len())?;
         let at = self.pattern.position(node, node).ok_or_else(|| {
-            Error::input(format!("node {node} does not exist: the pattern has {} nodes", self.pattern.nodes()))
+            Error::input(format!(
+                "node {node} does not exist: the pattern has {} nodes",
+                self.pattern.nodes()
+            ))
         })? * b
             * b;
         for (to, &from) in self.values[at..at + b * b].iter_mut().zip(matrix) {
@@ -415,7 +435,9 @@ pub(super) fn expect_length(what: &str, expected: usize, found: usize) -> Result
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!("{what} needs {expected} entries, {found} were given")))
+        Err(Error::input(format!(
+            "{what} needs {expected} entries, {found} were given"
+        )))
     }
 }
 
@@ -426,6 +448,8 @@ pub(super) fn columns_of(what: &str, dimension: usize, length: usize) -> Result<
     } else if dimension > 0 && length.is_multiple_of(dimension) {
         Ok(length / dimension)
     } else {
-        Err(Error::input(format!("{what} needs a multiple of {dimension} entries, {length} were given")))
+        Err(Error::input(format!(
+            "{what} needs a multiple of {dimension} entries, {length} were given"
+        )))
     }
 }

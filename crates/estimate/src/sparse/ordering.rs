@@ -28,7 +28,9 @@ impl NodeOrdering {
     /// The order in which the nodes are numbered.
     #[must_use]
     pub fn natural(nodes: usize) -> Self {
-        Self { old_from_new: (0..nodes as u32).collect() }
+        Self {
+            old_from_new: (0..nodes as u32).collect(),
+        }
     }
 
     /// A given permutation: `old_from_new[k]` is the node that is eliminated as the k-th.
@@ -40,7 +42,11 @@ impl NodeOrdering {
         for &node in &old_from_new {
             match seen.get_mut(node as usize) {
                 Some(place) if !*place => *place = true,
-                _ => return Err(Error::input(format!("node {node} comes twice or does not exist: no permutation"))),
+                _ => {
+                    return Err(Error::input(format!(
+                        "node {node} comes twice or does not exist: no permutation"
+                    )));
+                }
             }
         }
         Ok(Self { old_from_new })
@@ -69,8 +75,14 @@ impl NodeOrdering {
         let mut memory = MemBuffer::try_new(amd::order_scratch::<u64>(nodes, rows.len()))
             .map_err(|_| Error::unsupported("not enough memory for the minimum-degree ordering"))?;
         let (mut forward, mut inverse) = (vec![0_u64; nodes], vec![0_u64; nodes]);
-        amd::order(&mut forward, &mut inverse, matrix, amd::Control::default(), MemStack::new(&mut memory))
-            .map_err(too_large)?;
+        amd::order(
+            &mut forward,
+            &mut inverse,
+            matrix,
+            amd::Control::default(),
+            MemStack::new(&mut memory),
+        )
+        .map_err(too_large)?;
         Self::from_permutation(forward.into_iter().map(|node| node as u32).collect())
     }
 
@@ -94,7 +106,10 @@ impl NodeOrdering {
                 coordinates.len()
             )));
         }
-        if let Some(node) = coordinates.iter().position(|point| !point.iter().all(|value| value.is_finite())) {
+        if let Some(node) = coordinates
+            .iter()
+            .position(|point| !point.iter().all(|value| value.is_finite()))
+        {
             return Err(Error::input(format!("the coordinates of node {node} are not finite")));
         }
         let mut dissection = Dissection {
@@ -104,7 +119,9 @@ impl NodeOrdering {
             order: Vec::with_capacity(pattern.nodes()),
         };
         dissection.dissect((0..pattern.nodes() as u32).collect());
-        Ok(Self { old_from_new: dissection.order })
+        Ok(Self {
+            old_from_new: dissection.order,
+        })
     }
 
     /// The nodes in the order of elimination.
@@ -150,7 +167,11 @@ impl Dissection<'_> {
             return;
         }
         let (first, second) = (self.cut(&piece, 0), self.cut(&piece, 1));
-        let (mut cut, along) = if second.cost() < first.cost() { (second, 0) } else { (first, 1) };
+        let (mut cut, along) = if second.cost() < first.cost() {
+            (second, 0)
+        } else {
+            (first, 1)
+        };
         if cut.low.is_empty() && cut.high.is_empty() {
             // Everything is coupled with everything.
             piece.sort_unstable();
@@ -196,7 +217,10 @@ impl Dissection<'_> {
         drop(is_low);
 
         let touches = |node: u32, other: u8| {
-            self.graph.neighbours(node as usize).iter().any(|&neighbour| self.side[neighbour as usize] == other)
+            self.graph
+                .neighbours(node as usize)
+                .iter()
+                .any(|&neighbour| self.side[neighbour as usize] == other)
         };
         let (mut border, mut count) = (vec![false; piece.len()], [0_usize; 2]);
         let mut size = [0_usize; 2];
@@ -211,7 +235,11 @@ impl Dissection<'_> {
         // Of two equally small borders, that of the larger half.
         let from_low = count[0] < count[1] || (count[0] == count[1] && size[0] >= size[1]);
         let giving = if from_low { LOW } else { HIGH };
-        let mut cut = Cut { low: Vec::new(), high: Vec::new(), separator: Vec::new() };
+        let mut cut = Cut {
+            low: Vec::new(),
+            high: Vec::new(),
+            separator: Vec::new(),
+        };
         for (&node, &at_border) in piece.iter().zip(&border) {
             let side = self.side[node as usize];
             if at_border && side == giving {

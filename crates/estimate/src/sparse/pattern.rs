@@ -40,7 +40,9 @@ impl BlockPattern {
         E: AsRef<[u32]>,
     {
         if nodes > MAX_ENTRIES {
-            return Err(Error::input(format!("a pattern holds at most {MAX_ENTRIES} nodes, {nodes} were asked for")));
+            return Err(Error::input(format!(
+                "a pattern holds at most {MAX_ENTRIES} nodes, {nodes} were asked for"
+            )));
         }
         let mut element_start = vec![0_usize];
         let mut element_nodes: Vec<u32> = Vec::new();
@@ -54,7 +56,9 @@ impl BlockPattern {
             if let Some(&last) = sorted.last()
                 && last as usize >= nodes
             {
-                return Err(Error::input(format!("element {index} names node {last}, but there are {nodes} nodes")));
+                return Err(Error::input(format!(
+                    "element {index} names node {last}, but there are {nodes} nodes"
+                )));
             }
             for &node in &sorted {
                 memberships[node as usize + 1] += 1;
@@ -95,7 +99,9 @@ impl BlockPattern {
             }
             rows[begin..].sort_unstable();
             if rows.len() > MAX_ENTRIES {
-                return Err(Error::input(format!("the pattern has more than {MAX_ENTRIES} entries: use fewer nodes")));
+                return Err(Error::input(format!(
+                    "the pattern has more than {MAX_ENTRIES} entries: use fewer nodes"
+                )));
             }
             column_start.push(rows.len() as u32);
         }
@@ -131,7 +137,9 @@ impl BlockPattern {
             }
             rows.truncate(kept);
             if rows.len() > MAX_ENTRIES {
-                return Err(Error::input(format!("the pattern has more than {MAX_ENTRIES} entries: use fewer nodes")));
+                return Err(Error::input(format!(
+                    "the pattern has more than {MAX_ENTRIES} entries: use fewer nodes"
+                )));
             }
             column_start.push(rows.len() as u32);
         }
@@ -172,7 +180,10 @@ impl BlockPattern {
             return None;
         }
         let range = self.column_range(column);
-        self.rows[range.clone()].binary_search(&row).ok().map(|at| range.start + at)
+        self.rows[range.clone()]
+            .binary_search(&row)
+            .ok()
+            .map(|at| range.start + at)
     }
 
     /// Whether both are the same pattern; quick when they are the same object.

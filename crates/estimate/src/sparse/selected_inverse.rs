@@ -8,12 +8,15 @@ use std::sync::Arc;
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
+use super::symbolic::Run;
 use super::{BlockInformation, BlockPattern, CholeskyFactor, SymbolicFactor};
 use crate::{Error, Result};
+
+/// Triangles of at most so many columns are multiplied as full matrices: their zeros cost less than sparing them.
+const NARROW: usize = 64;
 
 /// Selected entries of the covariance `Z = Λ⁻¹`, exact up to rounding.
 ///
@@ -40,11 +43,21 @@ impl SelectedInverse {
     /// The selected inverse behind a factor.
     #[must_use]
     pub fn new(factor: &CholeskyFactor) -> Self {
+        Self {
+            symbolic: Arc::clone(factor.symbolic()),
+            values: Vec::new(),
+        }
+        .refresh(factor)
+    }
+
+    /// The selected inverse behind another factor, in the memory of this one. Gives the same bytes as [`Self::new`].
+    #[must_use]
+    pub fn refresh(self, factor: &CholeskyFactor) -> Self {
         let symbolic = factor.symbolic();
-        let b = symbolic.block_size();
-        let mut values = vec![0.0; symbolic.stored_values()];
+        let mut values = self.values;
+        values.resize(symbolic.stored_values(), 0.0);
         // Z_RR of a supernode, filled when its parent is done.
-        let mut known: Vec<Option<Vec<f64>>> = vec![None; symbolic.supernodes()];
+        let mut known: Vec<Vec<f64>> = vec![Vec::new(); symbolic.supernodes()];
         let mut spare: Vec<Vec<f64>> = Vec::new();
         let (mut gain, mut inverse) = (Vec::new(), Vec::new());
 
@@ -52,7 +65,7 @@ impl SelectedInverse {
             let (columns, height) = (symbolic.columns(s), symbolic.height(s));
             let (top, below) = factor.panel(s);
             let panel = &mut values[symbolic.value_start[s]..symbolic.value_start[s + 1]];
-            let z_rows = known[s].take().unwrap_or_default();
+            let z_rows = std::mem::take(&mut known[s]);
             let (mut z_own, mut z_below) =
                 MatMut::from_column_major_slice_mut(panel, columns + height, columns).split_at_row_mut(columns);
 
@@ -71,11 +84,24 @@ impl SelectedInverse {
                 Par::Seq,
             );
             if height > 0 {
-                let z_rows = MatRef::from_column_major_slice(&z_rows, height, height);
+                let z_rows = MatRef::from_column_major_slice(&z_rows[..height * height], height, height);
                 resize(&mut gain, height * columns);
                 let mut gain = MatMut::from_column_major_slice_mut(&mut gain, height, columns);
-                gain.copy_from(below);
-                solve_upper_triangular_in_place(top.transpose(), gain.rb_mut().transpose_mut(), Par::Seq);
+                triangular_matmul(
+                    gain.rb_mut(),
+                    BlockStructure::Rectangular,
+                    Accum::Replace,
+                    below,
+                    BlockStructure::Rectangular,
+                    inverse.rb(),
+                    if columns > NARROW {
+                        BlockStructure::TriangularLower
+                    } else {
+                        BlockStructure::Rectangular
+                    },
+                    1.0,
+                    Par::Seq,
+                );
                 matmul(z_below.rb_mut(), Accum::Replace, z_rows, gain.rb(), -1.0, Par::Seq);
                 triangular_matmul(
                     z_own.rb_mut(),
@@ -89,20 +115,28 @@ impl SelectedInverse {
                     Par::Seq,
                 );
             }
-            for column in 0..columns {
-                for row in column + 1..columns {
-                    z_own[(column, row)] = z_own[(row, column)];
-                }
-            }
+            mirror(panel, columns + height, columns);
 
             for &child in symbolic.children(s) {
+                let child = child as usize;
                 let mut part = spare.pop().unwrap_or_default();
-                gather(symbolic.places(child as usize), b, panel, columns, height, &z_rows, &mut part);
-                known[child as usize] = Some(part);
+                gather(
+                    symbolic.runs(child),
+                    symbolic.height(child),
+                    panel,
+                    columns,
+                    height,
+                    &z_rows,
+                    &mut part,
+                );
+                known[child] = part;
             }
             spare.push(z_rows);
         }
-        Self { symbolic: Arc::clone(symbolic), values }
+        Self {
+            symbolic: Arc::clone(symbolic),
+            values,
+        }
     }
 
     /// The analysis behind the selected inverse.
@@ -135,12 +169,14 @@ impl SelectedInverse {
             return false;
         }
         let (row, column) = (symbolic.new_from_old[i as usize], symbolic.new_from_old[j as usize]);
-        let Some(slot) = symbolic.locate(row.max(column), row.min(column)) else { return false };
+        let Some(slot) = symbolic.locate(row.max(column), row.min(column)) else {
+            return false;
+        };
         let b = symbolic.block_size();
         for r in 0..b {
             for s in 0..b {
                 let (down, across) = if row >= column { (r, s) } else { (s, r) };
-                target[r * stride + s] = self.values[slot.offset + across * slot.stride as usize + down];
+                target[r * stride + s] = self.values[slot.offset + across * slot.stride + down];
             }
         }
         true
@@ -203,32 +239,40 @@ impl SelectedInverse {
         let b = symbolic.block_size();
         let own = matrix.block_size();
         if !BlockPattern::same(matrix.pattern(), symbolic.pattern()) || (own != b && own != 1) {
-            return Err(Error::input("the matrix has another pattern or block size than the covariance"));
+            return Err(Error::input(
+                "the matrix has another pattern or block size than the covariance",
+            ));
         }
         let pattern = symbolic.pattern();
-        let mut trace = 0.0;
+        let mut is_diagonal = vec![false; pattern.entries()];
         for node in 0..pattern.nodes() {
-            let range = pattern.column_range(node);
-            for position in range.clone() {
-                let slot = symbolic.slots[position];
-                let weight = if position == range.start { 1.0 } else { 2.0 };
-                let covariance = |row: usize, column: usize| {
-                    let (row, column) = if slot.transposed { (column, row) } else { (row, column) };
-                    self.values[slot.offset + column * slot.stride as usize + row]
-                };
-                let values = &matrix.values()[position * own * own..(position + 1) * own * own];
-                if own == b {
-                    for row in 0..b {
-                        for column in 0..b {
-                            trace += weight * covariance(row, column) * values[row * b + column];
-                        }
-                    }
+            is_diagonal[pattern.column_range(node).start] = true;
+        }
+        let mut trace = 0.0;
+        for slot in symbolic.all_slots() {
+            let covariance = |row: usize, column: usize| {
+                let (row, column) = if slot.transposed() {
+                    (column, row)
                 } else {
-                    for k in 0..b {
-                        trace += weight * covariance(k, k) * values[0];
+                    (row, column)
+                };
+                self.values[slot.offset + column * slot.stride() + row]
+            };
+            let values = &matrix.values()[slot.entry() * own * own..(slot.entry() + 1) * own * own];
+            let mut part = 0.0;
+            if own == b {
+                for row in 0..b {
+                    for column in 0..b {
+                        part += covariance(row, column) * values[row * b + column];
                     }
                 }
+            } else {
+                for k in 0..b {
+                    part += covariance(k, k) * values[0];
+                }
             }
+            // A pair of nodes stands for both triangles.
+            trace += if is_diagonal[slot.entry()] { part } else { 2.0 * part };
         }
         Ok(trace)
     }
@@ -236,7 +280,9 @@ impl SelectedInverse {
 
 impl std::fmt::Debug for SelectedInverse {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SelectedInverse").field("symbolic", &self.symbolic).finish_non_exhaustive()
+        f.debug_struct("SelectedInverse")
+            .field("symbolic", &self.symbolic)
+            .finish_non_exhaustive()
     }
 }
 
@@ -245,37 +291,54 @@ fn resize(buffer: &mut Vec<f64>, length: usize) {
     buffer.resize(length, 0.0);
 }
 
-/// `Z_RR` of a child from its parent's front.
+/// `Z_RR` of a child, both triangles, from its parent's front.
 fn gather(
-    places: &[u32],
-    b: usize,
+    runs: &[Run],
+    size: usize,
     panel: &[f64],
     columns: usize,
     height: usize,
     z_rows: &[f64],
     part: &mut Vec<f64>,
 ) {
-    let size = places.len() * b;
-    resize(part, size * size);
-    for (at, &place) in places.iter().enumerate() {
-        for k in 0..b {
-            let column = place as usize * b + k;
-            let (source, shift) = if column < columns {
-                (&panel[column * (columns + height)..(column + 1) * (columns + height)], 0)
+    if part.len() < size * size {
+        part.resize(size * size, 0.0);
+    }
+    for (at, run) in runs.iter().enumerate() {
+        let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
+        for k in 0..length {
+            let (source, shift) = if to + k < columns {
+                (
+                    &panel[(to + k) * (columns + height)..(to + k + 1) * (columns + height)],
+                    0,
+                )
             } else {
-                (&z_rows[(column - columns) * height..(column - columns + 1) * height], columns)
+                (
+                    &z_rows[(to + k - columns) * height..(to + k - columns + 1) * height],
+                    columns,
+                )
             };
-            let j = at * b + k;
-            for (i, &row) in places.iter().enumerate().skip(at) {
-                for r in 0..b {
-                    part[j * size + i * b + r] = source[row as usize * b + r - shift];
-                }
+            let target = &mut part[(from + k) * size..(from + k + 1) * size];
+            target[from + k..from + length].copy_from_slice(&source[to + k - shift..to + length - shift]);
+            for below in &runs[at + 1..] {
+                let (from, to, length) = (below.from as usize, below.to as usize, below.length as usize);
+                target[from..from + length].copy_from_slice(&source[to - shift..to + length - shift]);
             }
         }
     }
-    for j in 0..size {
-        for i in j + 1..size {
-            part[i * size + j] = part[j * size + i];
+    mirror(&mut part[..size * size], size, size);
+}
+
+/// Copies the lower triangle of the first `columns` rows and columns to the upper, tile by tile for the cache.
+fn mirror(values: &mut [f64], stride: usize, columns: usize) {
+    const TILE: usize = 16;
+    for left in (0..columns).step_by(TILE) {
+        for top in (left..columns).step_by(TILE) {
+            for j in left..(left + TILE).min(columns) {
+                for i in top.max(j + 1)..(top + TILE).min(columns) {
+                    values[i * stride + j] = values[j * stride + i];
+                }
+            }
         }
     }
 }

@@ -18,15 +18,52 @@ pub(super) const NONE: u32 = u32::MAX;
 /// changes the time of the factorisation by less than 5 %.
 const MERGE_COLUMNS_AND_ZEROS: [(usize, f64); 3] = [(16, 0.6), (64, 0.2), (usize::MAX, 0.05)];
 
-/// Where a block of the information goes in the values of the factor.
+/// Where a block of the information lies in the values of the factor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slot {
     /// Index of the block's first entry.
     pub offset: usize,
     /// Distance between columns.
-    pub stride: u32,
-    /// Whether the stored block must be transposed.
-    pub transposed: bool,
+    pub stride: usize,
+}
+
+/// The slot of one entry of the pattern.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct EntrySlot {
+    /// Index of the block's first entry.
+    pub offset: usize,
+    /// Distance between columns.
+    stride: u32,
+    /// Position in the pattern, with [`TRANSPOSED`].
+    entry: u32,
+}
+
+const TRANSPOSED: u32 = 1 << 31;
+
+impl EntrySlot {
+    pub(super) fn stride(self) -> usize {
+        self.stride as usize
+    }
+
+    /// Position in the pattern.
+    pub(super) fn entry(self) -> usize {
+        (self.entry & !TRANSPOSED) as usize
+    }
+
+    /// Whether the stored block of the information is transposed in the factor.
+    pub(super) fn transposed(self) -> bool {
+        self.entry & TRANSPOSED != 0
+    }
+}
+
+/// Rows of a supernode that also lie next to each other in the front of its parent, counted in unknowns.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Run {
+    /// First row among the supernode's rows.
+    pub from: u32,
+    /// Its place in the parent's front: the parent's columns first, then its rows.
+    pub to: u32,
+    pub length: u32,
 }
 
 /// The symbolic analysis of a Cholesky factorisation `P Λ Pᵀ = L Lᵀ`, in blocks of `b` unknowns per node.
@@ -47,14 +84,16 @@ pub struct SymbolicFactor {
     row_start: Vec<usize>,
     /// Rows (nodes, new numbering) below the diagonal block of each supernode, ascending.
     rows: Vec<u32>,
-    /// The place of each row in the parent's front: its columns first, then its rows.
-    places: Vec<u32>,
+    run_start: Vec<usize>,
+    runs: Vec<Run>,
     pub(super) parent: Vec<u32>,
     child_start: Vec<usize>,
     children: Vec<u32>,
     /// Start of each supernode's values: a column-major panel of (columns + rows)·b by columns·b.
     pub(super) value_start: Vec<usize>,
-    pub(super) slots: Vec<Slot>,
+    /// The slots of all entries, by supernode.
+    slots: Vec<EntrySlot>,
+    slot_start: Vec<usize>,
 }
 
 impl SymbolicFactor {
@@ -90,16 +129,18 @@ impl SymbolicFactor {
             supernode_start: groups.start,
             row_start: vec![0],
             rows: Vec::new(),
-            places: Vec::new(),
+            run_start: vec![0],
+            runs: Vec::new(),
             parent: groups.parent,
             child_start: Vec::new(),
             children: Vec::new(),
             value_start: vec![0],
-            slots: Vec::with_capacity(pattern.entries()),
+            slots: Vec::new(),
+            slot_start: Vec::new(),
         };
         symbolic.link_children();
         symbolic.find_rows(&graph);
-        symbolic.find_places();
+        symbolic.find_runs();
         symbolic.find_slots();
         Ok(symbolic)
     }
@@ -158,40 +199,75 @@ impl SymbolicFactor {
         self.rows.shrink_to_fit();
     }
 
-    fn find_places(&mut self) {
-        self.places = vec![0; self.rows.len()];
+    fn find_runs(&mut self) {
+        let b = self.block as u32;
         for s in 0..self.supernodes() {
-            if self.parent[s] == NONE {
-                continue;
-            }
-            let parent = self.parent[s] as usize;
-            let (begin, end) = (self.supernode_start[parent], self.supernode_start[parent + 1]);
-            let mut at = self.row_start[parent];
-            for k in self.row_start[s]..self.row_start[s + 1] {
-                let row = self.rows[k];
-                self.places[k] = if row < end {
-                    row - begin
-                } else {
-                    while self.rows[at] != row {
-                        at += 1;
+            if self.parent[s] != NONE {
+                let parent = self.parent[s] as usize;
+                let (begin, end) = (self.supernode_start[parent], self.supernode_start[parent + 1]);
+                let first = self.runs.len();
+                let mut at = self.row_start[parent];
+                for (from, &row) in (0..).zip(&self.rows[self.row_start[s]..self.row_start[s + 1]]) {
+                    let to = if row < end {
+                        row - begin
+                    } else {
+                        while self.rows[at] != row {
+                            at += 1;
+                        }
+                        (at - self.row_start[parent]) as u32 + end - begin
+                    };
+                    match self.runs[first..].last_mut() {
+                        Some(run) if run.to + run.length == to * b => run.length += b,
+                        _ => self.runs.push(Run {
+                            from: from * b,
+                            to: to * b,
+                            length: b,
+                        }),
                     }
-                    (at - self.row_start[parent]) as u32 + end - begin
-                };
+                }
             }
+            self.run_start.push(self.runs.len());
         }
     }
 
     fn find_slots(&mut self) {
+        let mut start = vec![0_usize; self.supernodes() + 1];
+        let column_of = |node: u32, row: u32| self.new_from_old[node as usize].min(self.new_from_old[row as usize]);
+        for node in 0..self.pattern.nodes() {
+            for &row in self.pattern.column(node) {
+                start[self.supernode_of[column_of(node as u32, row) as usize] as usize + 1] += 1;
+            }
+        }
+        for s in 0..self.supernodes() {
+            start[s + 1] += start[s];
+        }
+        let mut fill = start.clone();
+        let mut slots = vec![
+            EntrySlot {
+                offset: 0,
+                stride: 0,
+                entry: 0
+            };
+            self.pattern.entries()
+        ];
         for node in 0..self.pattern.nodes() {
             let j = self.new_from_old[node];
-            for &row in self.pattern.column(node) {
+            for (entry, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
                 let i = self.new_from_old[row as usize];
                 let Some(slot) = self.locate(i.max(j), i.min(j)) else {
                     unreachable!("the factor holds every entry of the pattern")
                 };
-                self.slots.push(Slot { transposed: i < j, ..slot });
+                let place = &mut fill[self.supernode_of[i.min(j) as usize] as usize];
+                let flag = if i < j { TRANSPOSED } else { 0 };
+                slots[*place] = EntrySlot {
+                    offset: slot.offset,
+                    stride: slot.stride as u32,
+                    entry: entry as u32 | flag,
+                };
+                *place += 1;
             }
         }
+        (self.slots, self.slot_start) = (slots, start);
     }
 
     /// The block in row `i` and column `j ≤ i` (new numbering), when it is in the factor.
@@ -199,12 +275,15 @@ impl SymbolicFactor {
         let s = self.supernode_of[j as usize] as usize;
         let (begin, end) = (self.supernode_start[s], self.supernode_start[s + 1]);
         let rows = self.rows(s);
-        let place = if i < end { (i - begin) as usize } else { (end - begin) as usize + rows.binary_search(&i).ok()? };
+        let place = if i < end {
+            (i - begin) as usize
+        } else {
+            (end - begin) as usize + rows.binary_search(&i).ok()?
+        };
         let stride = ((end - begin) as usize + rows.len()) * self.block;
         Some(Slot {
             offset: self.value_start[s] + (j - begin) as usize * self.block * stride + place * self.block,
-            stride: stride as u32,
-            transposed: false,
+            stride,
         })
     }
 
@@ -247,7 +326,9 @@ impl SymbolicFactor {
     /// Entries of the lower triangle of `L`, the zeros of merged supernodes included.
     #[must_use]
     pub fn factor_entries(&self) -> usize {
-        (0..self.supernodes()).map(|s| self.columns(s) * (self.columns(s) + 1) / 2 + self.columns(s) * self.height(s)).sum()
+        (0..self.supernodes())
+            .map(|s| self.columns(s) * (self.columns(s) + 1) / 2 + self.columns(s) * self.height(s))
+            .sum()
     }
 
     /// Multiplications and additions of one factorisation.
@@ -276,8 +357,19 @@ impl SymbolicFactor {
         &self.rows[self.row_start[s]..self.row_start[s + 1]]
     }
 
-    pub(super) fn places(&self, s: usize) -> &[u32] {
-        &self.places[self.row_start[s]..self.row_start[s + 1]]
+    /// The rows of a supernode as runs in the front of its parent.
+    pub(super) fn runs(&self, s: usize) -> &[Run] {
+        &self.runs[self.run_start[s]..self.run_start[s + 1]]
+    }
+
+    /// The entries of the pattern that lie in the panel of a supernode.
+    pub(super) fn slots(&self, s: usize) -> &[EntrySlot] {
+        &self.slots[self.slot_start[s]..self.slot_start[s + 1]]
+    }
+
+    /// The slots of all entries of the pattern.
+    pub(super) fn all_slots(&self) -> &[EntrySlot] {
+        &self.slots
     }
 
     pub(super) fn children(&self, s: usize) -> &[u32] {
@@ -391,7 +483,10 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
                 let merged = trapezoid(columns[g] + columns[child], rows[g]);
                 (merged - entries[g] - entries[child], merged)
             };
-            let best = children[g].iter().enumerate().min_by_key(|&(_, &child)| zeros_with(child as usize).0);
+            let best = children[g]
+                .iter()
+                .enumerate()
+                .min_by_key(|&(_, &child)| zeros_with(child as usize).0);
             let Some((at, &child)) = best else { break };
             let child = child as usize;
             let (zeros, merged) = zeros_with(child);
@@ -424,8 +519,15 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
     }
     let mut final_of = vec![NONE; groups];
     let (mut final_order, mut start, mut survivors) = (Vec::with_capacity(nodes), vec![0_u32], Vec::new());
-    let tree: Vec<u32> =
-        (0..groups).map(|g| if merged_into[g] == g as u32 { group_parent[g] } else { merged_into[g] }).collect();
+    let tree: Vec<u32> = (0..groups)
+        .map(|g| {
+            if merged_into[g] == g as u32 {
+                group_parent[g]
+            } else {
+                merged_into[g]
+            }
+        })
+        .collect();
     for g in postorder(&tree) {
         if merged_into[g as usize] == g {
             final_of[g as usize] = survivors.len() as u32;
@@ -441,7 +543,11 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
             above => final_of[merged_into[above as usize] as usize],
         })
         .collect();
-    Groups { order: final_order, start, parent }
+    Groups {
+        order: final_order,
+        start,
+        parent,
+    }
 }
 
 fn trapezoid(columns: usize, rows: usize) -> usize {

@@ -28,7 +28,9 @@ impl Problem {
                 );
             }
         }
-        let coordinates = (0..across * along).map(|node| [(node % across) as f64, (node / across) as f64]).collect();
+        let coordinates = (0..across * along)
+            .map(|node| [(node % across) as f64, (node / across) as f64])
+            .collect();
         Self { elements, coordinates }
     }
 
@@ -92,8 +94,20 @@ fn problems() -> Vec<(&'static str, Problem)> {
         ("tightly periodic grid", Problem::grid(4, 30, 3, true)),
         ("scattered", Problem::scattered(160, 7)),
         ("scattered, sparse", Problem::scattered(90, 8)),
-        ("one node", Problem { elements: vec![vec![0]], coordinates: vec![[0.0, 0.0]] }),
-        ("no elements", Problem { elements: Vec::new(), coordinates: vec![[1.0, 1.0]; 70] }),
+        (
+            "one node",
+            Problem {
+                elements: vec![vec![0]],
+                coordinates: vec![[0.0, 0.0]],
+            },
+        ),
+        (
+            "no elements",
+            Problem {
+                elements: Vec::new(),
+                coordinates: vec![[1.0, 1.0]; 70],
+            },
+        ),
     ]
 }
 
@@ -101,7 +115,10 @@ fn assert_close(what: &str, found: &[f64], expected: &[f64], relative: f64) {
     assert_eq!(found.len(), expected.len(), "{what}");
     let scale = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     for (at, (a, b)) in found.iter().zip(expected).enumerate() {
-        assert!((a - b).abs() <= relative * scale, "{what}: entry {at} is {a}, expected {b}");
+        assert!(
+            (a - b).abs() <= relative * scale,
+            "{what}: entry {at} is {a}, expected {b}"
+        );
     }
 }
 
@@ -169,17 +186,30 @@ fn solutions_agree_with_dense_algebra() {
             factor.solve_in_place(&mut x).unwrap();
             assert_close(name, &x, expected.as_slice(), 1e-9);
 
-            let log_determinant: f64 =
-                2.0 * dense.cholesky().unwrap().l().diagonal().iter().map(|value| value.ln()).sum::<f64>();
+            let log_determinant: f64 = 2.0
+                * dense
+                    .cholesky()
+                    .unwrap()
+                    .l()
+                    .diagonal()
+                    .iter()
+                    .map(|value| value.ln())
+                    .sum::<f64>();
             let scale = log_determinant.abs().max(1.0);
-            assert!((factor.log_determinant() - log_determinant).abs() < 1e-10 * scale, "{name}: log-determinant");
+            assert!(
+                (factor.log_determinant() - log_determinant).abs() < 1e-10 * scale,
+                "{name}: log-determinant"
+            );
 
             // The two halves of a solution, and the whitened norm.
             let mut halves = information.vector().to_vec();
             factor.solve_lower_in_place(&mut halves).unwrap();
             let norm: f64 = halves.iter().map(|value| value * value).sum();
             let direct: f64 = information.vector().iter().zip(&x).map(|(a, b)| a * b).sum();
-            assert!((norm - direct).abs() <= 1e-9 * direct.abs(), "{name}: |L⁻¹Pη|² = {norm}, ηᵀΛ⁻¹η = {direct}");
+            assert!(
+                (norm - direct).abs() <= 1e-9 * direct.abs(),
+                "{name}: |L⁻¹Pη|² = {norm}, ηᵀΛ⁻¹η = {direct}"
+            );
             factor.solve_lower_transpose_in_place(&mut halves).unwrap();
             assert_close(name, &halves, &x, 1e-10);
         }
@@ -193,10 +223,18 @@ fn samples_have_the_covariance() {
     let information = problem.information(&problem.pattern(), 3, 1, 4);
     let n = information.dimension();
     let mut identity = DMatrix::<f64>::identity(n, n);
-    problem.factor(&information).solve_lower_transpose_in_place(identity.as_mut_slice()).unwrap();
+    problem
+        .factor(&information)
+        .solve_lower_transpose_in_place(identity.as_mut_slice())
+        .unwrap();
     let root = identity.transpose();
     let covariance = information.to_dense().try_inverse().unwrap();
-    assert_close("covariance", (&root * root.transpose()).as_slice(), covariance.as_slice(), 1e-10);
+    assert_close(
+        "covariance",
+        (&root * root.transpose()).as_slice(),
+        covariance.as_slice(),
+        1e-10,
+    );
 }
 
 #[test]
@@ -220,14 +258,19 @@ fn selected_inverse_agrees_with_the_dense_inverse() {
                                 assert!((a - e).abs() < 1e-9 * scale, "{name}, b = {b}: block ({i}, {j})");
                             }
                         }
-                        None => assert!(information.block(i, j).is_none(), "{name}: coupled pair ({i}, {j}) is missing"),
+                        None => assert!(
+                            information.block(i, j).is_none(),
+                            "{name}: coupled pair ({i}, {j}) is missing"
+                        ),
                     }
                 }
             }
             assert!(found >= 2 * information.pattern().entries() - nodes as usize);
             for element in &problem.elements {
-                let unknowns: Vec<usize> =
-                    element.iter().flat_map(|&node| (0..b).map(move |k| node as usize * b + k)).collect();
+                let unknowns: Vec<usize> = element
+                    .iter()
+                    .flat_map(|&node| (0..b).map(move |k| node as usize * b + k))
+                    .collect();
                 let expected = inverse.select_rows(&unknowns).select_columns(&unknowns);
                 assert_close(name, &selected.dense(element).unwrap(), expected.as_slice(), 1e-9);
             }
@@ -244,15 +287,25 @@ fn traces_agree_with_dense_algebra() {
     for b in [1, 3] {
         let information = problem.information(&pattern, b, 0, 7);
         let factor = problem.factor(&information);
-        let wide = if b == 1 { penalty.clone() } else { penalty.expanded(b).unwrap() };
+        let wide = if b == 1 {
+            penalty.clone()
+        } else {
+            penalty.expanded(b).unwrap()
+        };
         let exact = (information.to_dense().try_inverse().unwrap() * wide.to_dense()).trace();
         let selected = SelectedInverse::new(&factor);
         for matrix in [&wide, &penalty] {
             let trace = selected.trace_with(matrix).unwrap();
-            assert!((trace - exact).abs() < 1e-10 * exact, "b = {b}: {trace} instead of {exact}");
+            assert!(
+                (trace - exact).abs() < 1e-10 * exact,
+                "b = {b}: {trace} instead of {exact}"
+            );
         }
         let estimate = stochastic_trace(&factor, &wide, 60, 11).unwrap();
-        assert!((estimate.value - exact).abs() < 4.0 * estimate.standard_error, "{estimate:?} instead of {exact}");
+        assert!(
+            (estimate.value - exact).abs() < 4.0 * estimate.standard_error,
+            "{estimate:?} instead of {exact}"
+        );
         assert!(estimate.standard_error < 0.1 * exact);
         assert_eq!(estimate, stochastic_trace(&factor, &wide, 60, 11).unwrap());
         assert_ne!(estimate.value, stochastic_trace(&factor, &wide, 60, 12).unwrap().value);
@@ -280,14 +333,17 @@ fn the_ordering_does_not_change_the_answer() {
             assert_close(name, &y, &x, 1e-10);
             assert_close(name, &SelectedInverse::new(&factor).diagonal(), &variances, 1e-10);
             let difference = factor.log_determinant() - reference.log_determinant();
-            assert!(difference.abs() < 1e-10 * reference.log_determinant().abs().max(1.0), "{name}: {difference}");
+            assert!(
+                difference.abs() < 1e-10 * reference.log_determinant().abs().max(1.0),
+                "{name}: {difference}"
+            );
         }
     }
 }
 
 #[test]
 fn orderings_are_permutations_and_keep_the_factor_sparse() {
-    let problem = Problem::grid(60, 60, 3, true);
+    let problem = Problem::grid(100, 100, 3, false);
     let pattern = problem.pattern();
     let entries = |ordering: &NodeOrdering| {
         let mut nodes = ordering.old_from_new().to_vec();
@@ -298,7 +354,10 @@ fn orderings_are_permutations_and_keep_the_factor_sparse() {
     let natural = entries(&NodeOrdering::natural(pattern.nodes()));
     let amd = entries(&NodeOrdering::amd(&pattern).unwrap());
     let dissected = entries(&NodeOrdering::nested_dissection(&pattern, &problem.coordinates).unwrap());
-    assert!(dissected < amd && 2 * dissected < natural, "natural {natural}, AMD {amd}, nested dissection {dissected}");
+    assert!(
+        dissected < amd && 3 * dissected < 2 * natural,
+        "natural {natural}, AMD {amd}, nested dissection {dissected}"
+    );
 }
 
 #[test]
@@ -339,13 +398,19 @@ fn merging_commutes_and_associates() {
 fn symbolic_reuse_gives_the_same_bytes() {
     let problem = Problem::grid(20, 15, 3, true);
     let pattern = problem.pattern();
-    let (first, second) = (problem.information(&pattern, 3, 1, 16), problem.information(&pattern, 3, 1, 17));
+    let (first, second) = (
+        problem.information(&pattern, 3, 1, 16),
+        problem.information(&pattern, 3, 1, 17),
+    );
     let ordering = NodeOrdering::nested_dissection(&pattern, &problem.coordinates).unwrap();
     let shared = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 3).unwrap());
     let solved = |factor: &CholeskyFactor| {
         let mut x = second.vector().to_vec();
         factor.solve_in_place(&mut x).unwrap();
-        (x, factor.log_determinant(), SelectedInverse::new(factor).diagonal())
+        let inverse = SelectedInverse::new(factor);
+        let variances = inverse.diagonal();
+        assert_eq!(inverse.refresh(factor).diagonal(), variances);
+        (x, factor.log_determinant(), variances)
     };
     let fresh = factor_with(&second, &ordering).unwrap();
     let shared_first = CholeskyFactor::factorize(&shared, &first).unwrap();
@@ -360,7 +425,11 @@ fn scatter_maps_give_the_same_bytes_as_a_search() {
     let problem = Problem::scattered(50, 18);
     let pattern = problem.pattern();
     let by_search = problem.information(&pattern, 3, 1, 19);
-    let maps: Vec<_> = problem.elements.iter().map(|nodes| ElementScatter::new(&pattern, nodes).unwrap()).collect();
+    let maps: Vec<_> = problem
+        .elements
+        .iter()
+        .map(|nodes| ElementScatter::new(&pattern, nodes).unwrap())
+        .collect();
     let mut random = ChaCha8Rng::seed_from_u64(19);
     let mut by_map = BlockInformation::zeros(Arc::clone(&pattern), 3, 1).unwrap();
     for map in &maps {
@@ -411,7 +480,10 @@ fn an_undetermined_node_is_named() {
     let mut information = BlockInformation::zeros(loose, 1, 0).unwrap();
     information.add_element(&[0, 1], &[2.0, 1.0, 1.0, 2.0], &[]).unwrap();
     let failure = factor_with(&information, &NodeOrdering::natural(3)).unwrap_err();
-    assert!(failure.kind() == ErrorKind::Undetermined && failure.to_string().contains("node 2"), "{failure}");
+    assert!(
+        failure.kind() == ErrorKind::Undetermined && failure.to_string().contains("node 2"),
+        "{failure}"
+    );
 }
 
 #[test]
@@ -436,7 +508,9 @@ fn weak_priors_are_not_refused() {
     // Twelve orders of magnitude between data and prior still determine the answer.
     let pattern = Arc::new(BlockPattern::from_elements(2, [[0, 1]]).unwrap());
     let mut information = BlockInformation::zeros(pattern, 1, 1).unwrap();
-    information.add_element(&[0, 1], &[1.0, -1.0, -1.0, 1.0], &[1.0, -1.0]).unwrap();
+    information
+        .add_element(&[0, 1], &[1.0, -1.0, -1.0, 1.0], &[1.0, -1.0])
+        .unwrap();
     information.add_diagonal(1e-12);
     assert!(factor_with(&information, &NodeOrdering::natural(2)).is_ok());
 }
@@ -463,7 +537,10 @@ fn wrong_use_is_an_input_error() {
     assert_eq!(failure.kind(), ErrorKind::Input);
     information.values_mut()[1] = 0.0;
     let factor = factor_with(&information, &NodeOrdering::natural(4)).unwrap();
-    assert_eq!(factor.solve_in_place(&mut [0.0; 5]).unwrap_err().kind(), ErrorKind::Input);
+    assert_eq!(
+        factor.solve_in_place(&mut [0.0; 5]).unwrap_err().kind(),
+        ErrorKind::Input
+    );
     let other = BlockInformation::zeros(Arc::clone(&pattern), 3, 1).unwrap();
     assert_eq!(factor.refactorize(&other).unwrap_err().kind(), ErrorKind::Input);
 }
@@ -475,7 +552,9 @@ fn solution_of_a_chain_is_analytic() {
     let pattern = Arc::new(BlockPattern::from_elements(n, (0..n as u32 - 1).map(|i| [i, i + 1])).unwrap());
     let mut information = BlockInformation::zeros(Arc::clone(&pattern), 1, 1).unwrap();
     for i in 0..n as u32 - 1 {
-        information.add_element(&[i, i + 1], &[1.0, -1.0, -1.0, 1.0], &[0.0, 0.0]).unwrap();
+        information
+            .add_element(&[i, i + 1], &[1.0, -1.0, -1.0, 1.0], &[0.0, 0.0])
+            .unwrap();
     }
     information.add_to_diagonal_block(0, &[1.0]).unwrap();
     information.add_to_diagonal_block(n as u32 - 1, &[1.0]).unwrap();

@@ -41,7 +41,11 @@ pub fn stochastic_trace(
             matrix.dimension()
         )));
     }
-    let mut signs = Signs { state: seed, bits: 0, left: 0 };
+    let mut signs = Signs {
+        state: seed,
+        bits: 0,
+        left: 0,
+    };
     let mut samples: Vec<f64> = Vec::with_capacity(probes);
     while samples.len() < probes {
         let columns = BATCH.min(probes - samples.len());
@@ -56,13 +60,21 @@ pub fn stochastic_trace(
         matrix.multiply(&z, &mut product)?;
         factor.solve_in_place(&mut product)?;
         for column in 0..columns {
-            samples.push((0..dimension).map(|row| z[row * columns + column] * product[row * columns + column]).sum());
+            samples.push(
+                (0..dimension)
+                    .map(|row| z[row * columns + column] * product[row * columns + column])
+                    .sum(),
+            );
         }
     }
     let count = probes as f64;
     let value = samples.iter().sum::<f64>() / count;
     let spread: f64 = samples.iter().map(|sample| (sample - value) * (sample - value)).sum();
-    Ok(TraceEstimate { value, standard_error: (spread / (count - 1.0) / count).sqrt(), probes })
+    Ok(TraceEstimate {
+        value,
+        standard_error: (spread / (count - 1.0) / count).sqrt(),
+        probes,
+    })
 }
 
 /// Random signs from SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
