@@ -1,1 +1,30 @@
-//! exchange
+//! Every file format of Planish, in and out; the only crate that touches files.
+//!
+//! | module | format | |
+//! |---|---|---|
+//! | [`ply`] | PLY | scans and meshes in; meshes and points out |
+//! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
+//! | [`vrip`] | VRIP `.conf` | scans with poses in |
+//! | [`job`] | `job.toml` | sensors and scans in |
+//! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
+//! | [`model`] | `.planish` (safetensors) | saved models, in and out |
+//!
+//! [`read_inputs`] takes a list of any of the files that hold scans. Everything is written by [`write_atomically`]: a
+//! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
+
+pub mod job;
+pub mod model;
+pub mod ply;
+pub mod step;
+pub mod vrip;
+pub mod xyz;
+
+mod atomic;
+mod points;
+mod scans;
+mod source;
+mod unit;
+
+pub use atomic::{Writer, write_atomically};
+pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
+pub use unit::Unit;

@@ -1,0 +1,152 @@
+//! Whole files or none.
+//!
+//! Comes in: a path and what writes to it. Goes out: the finished file under that path, or nothing at all.
+//! Not guaranteed: what is written to a device or pipe (`/dev/stdout`) goes there directly and cannot be taken back.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use planish_estimate::{Error, Result};
+
+/// What files are written through.
+pub type Writer<'a> = BufWriter<&'a File>;
+
+/// Writes a file under a temporary name in the same folder, then renames it: readers see the old file or the new one.
+///
+/// On an error or a panic the temporary file is removed and an older file of that name stays as it was. A symbolic link
+/// is followed, so that the file that it names is replaced. Lasts as long as the disk takes to store the bytes (`fsync`).
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing fails.
+///
+/// # Examples
+/// ```
+/// use std::io::Write;
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("note.txt");
+/// planish_exchange::write_atomically(&path, |writer| writeln!(writer, "done"))?;
+/// assert_eq!(std::fs::read_to_string(&path)?, "done\n");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<()> {
+    let failed = |e: io::Error| Error::io(format!("{}: could not be written", path.display())).with_source(e);
+    if path.is_dir() {
+        return Err(Error::io(format!(
+            "{}: is a folder, needed a file name",
+            path.display()
+        )));
+    }
+    if path.file_name().is_none() {
+        return Err(Error::io(format!("{}: is no file name", path.display())));
+    }
+    if fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        // Renaming over a device would replace it: write through it.
+        let device = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        let mut writer = BufWriter::new(&device);
+        return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
+    }
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let folder = folder_of(&target);
+    if !folder.is_dir() {
+        return Err(Error::io(format!(
+            "{}: the folder {} does not exist; make it first",
+            path.display(),
+            folder.display()
+        )));
+    }
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".planish-").suffix(".part");
+    #[cfg(unix)]
+    {
+        // As any program would make it: the umask takes its share.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let temporary = builder.tempfile_in(&folder).map_err(failed)?;
+    let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
+    write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
+    drop(writer);
+    temporary.as_file().sync_all().map_err(failed)?;
+    temporary.persist(&target).map_err(|e| failed(e.error))?;
+    Ok(())
+}
+
+/// The folder that holds a path.
+pub(crate) fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+        _ => PathBuf::from("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::ErrorKind;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        write_atomically(&path, |w| w.write_all(b"old")).unwrap();
+        let e = write_atomically(&path, |w| {
+            w.write_all(&[b'n'; 100_000])?;
+            Err(io::Error::other("disk full"))
+        })
+        .unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Io);
+        assert!(e.to_string().contains("a.ply") && e.to_string().contains("disk full"));
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["a.ply"]);
+    }
+
+    #[test]
+    fn a_panic_while_writing_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let write = || write_atomically(&path, |_| panic!("a bug of ours"));
+        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(write)).is_err());
+        assert!(names(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let e = write_atomically(&folder.path().join("not/here/a.ply"), |_| Ok(())).unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Io);
+        assert!(e.to_string().contains("not/here does not exist"), "{e}");
+        assert!(names(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn a_folder_is_not_overwritten() {
+        let folder = tempfile::tempdir().unwrap();
+        let e = write_atomically(folder.path(), |_| Ok(())).unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Io);
+        assert!(e.to_string().contains("is a folder"), "{e}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_keeps_pointing_at_the_file_that_it_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("real.ply"), folder.path().join("link.ply"));
+        fs::write(&file, "old").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write_atomically(&link, |w| w.write_all(b"new")).unwrap();
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        write_atomically(Path::new("/dev/null"), |w| w.write_all(b"gone")).unwrap();
+        assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    }
+}

@@ -1,0 +1,498 @@
+//! `job.toml`: sensors named once, and the scans that they took.
+//!
+//! Comes in: a TOML file. Goes out: a [`Job`]. Lengths are in the job's unit; relative paths start at the job's folder.
+//!
+//! ```toml
+//! unit = "mm"                      # mm, m or in
+//!
+//! [sensor.laser]
+//! kind = "range"                   # range or touch
+//! sigma_along = 0.05               # along the ray and across it, or one `sigma` for all directions;
+//! sigma_across = 0.02              # without either it is estimated
+//!
+//! [[scan]]
+//! sensor = "laser"                 # may be left out where only one sensor is named, or none
+//! file = "top.ply"
+//! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
+//! viewpoint = [0, 0, 300]          # or direction = [0, 0, -1]: how the sensor looks, in the scanner's frame
+//! ```
+//!
+//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists).
+//! Not guaranteed: that the files hold scans. Keys that are not known are errors, so that no misspelt σ goes unnoticed.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use planish_estimate::{Error, ErrorKind, Result};
+use planish_sense::{Noise, Pose, Sensor, SensorKind, Viewing};
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::Unit;
+use crate::atomic::folder_of;
+use crate::source::read_text;
+use crate::vrip::QUATERNION_WITHIN;
+
+/// What a job file says.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Job {
+    /// The unit of every length in the job and its files, where it is named.
+    pub unit: Option<Unit>,
+    /// The sensors, by name.
+    pub sensors: Vec<Sensor>,
+    /// The scans, in the file's order.
+    pub scans: Vec<ScanEntry>,
+}
+
+/// A scan that a job names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanEntry {
+    /// The scan's file.
+    pub path: PathBuf,
+    /// Which of the job's sensors took it.
+    pub sensor: usize,
+    /// Carries the scanner's frame into the world.
+    pub world_from_scanner: Pose,
+    /// Standard deviation of each coordinate of the translation, in the job's unit; exact where not stated.
+    pub sigma_translation: Option<f64>,
+    /// Standard deviation of the rotation about each axis, in degrees; exact where not stated.
+    pub sigma_rotation_deg: Option<f64>,
+    /// How the sensor looks, where stated.
+    pub viewing: Option<Viewing>,
+    /// The line of the job that begins the entry, from 1.
+    pub line: usize,
+}
+
+/// Kinds of sensors that jobs may name one day.
+const PLANNED_KINDS: [&str; 3] = ["normal", "curvature", "stereo"];
+
+/// Only the kinds: they decide which keys a sensor may have.
+#[derive(Deserialize)]
+struct KindsOnly {
+    #[serde(default)]
+    sensor: BTreeMap<String, KindOnly>,
+}
+
+#[derive(Deserialize)]
+struct KindOnly {
+    kind: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JobTable {
+    unit: Option<Spanned<String>>,
+    #[serde(default)]
+    sensor: BTreeMap<String, Spanned<SensorTable>>,
+    #[serde(default)]
+    scan: Vec<Spanned<ScanTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorTable {
+    kind: Spanned<String>,
+    sigma: Option<Spanned<f64>>,
+    sigma_along: Option<Spanned<f64>>,
+    sigma_across: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ScanTable {
+    sensor: Option<Spanned<String>>,
+    file: Spanned<String>,
+    pose: Option<PoseTable>,
+    viewpoint: Option<Spanned<[f64; 3]>>,
+    direction: Option<Spanned<[f64; 3]>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseTable {
+    translation: Option<Spanned<[f64; 3]>>,
+    quaternion_xyzw: Option<Spanned<[f64; 4]>>,
+    sigma_translation: Option<Spanned<f64>>,
+    sigma_rotation_deg: Option<Spanned<f64>>,
+}
+
+/// Reads a job.
+///
+/// # Errors
+/// [`Io`](ErrorKind::Io) when the job or a file that it names is missing; [`Input`](ErrorKind::Input) for TOML that is
+/// malformed, unknown keys, σ ≤ 0, quaternions that have not unit length; [`Unsupported`](ErrorKind::Unsupported) for
+/// kinds of sensors that this version cannot serve: with file, line and key.
+pub fn read_job(path: &Path) -> Result<Job> {
+    let read = read_text(path).and_then(|text| {
+        let job = parse(&text, &folder_of(path))?;
+        for scan in &job.scans {
+            if !scan.path.is_file() {
+                return Err(Error::io(format!(
+                    "line {}: names the scan {}, which does not exist",
+                    scan.line,
+                    scan.path.display()
+                )));
+            }
+        }
+        Ok(job)
+    });
+    read.map_err(|e| e.in_context(path.display()))
+}
+
+/// Turns places in a text into messages.
+struct Text<'a>(&'a str);
+
+impl Text<'_> {
+    fn line(&self, at: usize) -> usize {
+        1 + self.0.bytes().take(at).filter(|&b| b == b'\n').count()
+    }
+
+    fn wrong<T>(&self, found: &Spanned<T>, message: impl std::fmt::Display) -> Error {
+        Error::input(format!("line {}: {message}", self.line(found.span().start)))
+    }
+
+    fn toml_error(&self, e: &toml::de::Error) -> Error {
+        let message = e.message().trim_end();
+        match e.span() {
+            Some(span) => Error::input(format!("line {}: {message}", self.line(span.start))),
+            None => Error::input(message),
+        }
+    }
+
+    /// A standard deviation that is positive and finite.
+    fn sigma(&self, key: &str, value: Option<&Spanned<f64>>) -> Result<Option<f64>> {
+        match value {
+            Some(v) if !(*v.get_ref() > 0.0 && v.get_ref().is_finite()) => {
+                Err(self.wrong(v, format_args!("needed {key} > 0, found {}", v.get_ref())))
+            }
+            value => Ok(value.map(|v| *v.get_ref())),
+        }
+    }
+
+    fn finite<const N: usize>(&self, key: &str, value: &Spanned<[f64; N]>) -> Result<[f64; N]> {
+        match value.get_ref() {
+            v if v.iter().all(|c| c.is_finite()) => Ok(*v),
+            v => Err(self.wrong(value, format_args!("needed finite numbers for {key}, found {v:?}"))),
+        }
+    }
+
+    fn sensor(&self, name: &str, table: &SensorTable) -> Result<Sensor> {
+        let kind = match table.kind.get_ref().as_str() {
+            "range" => SensorKind::Range,
+            "touch" => SensorKind::Touch,
+            other => {
+                return Err(self.wrong(
+                    &table.kind,
+                    format_args!("needed sensor.{name}.kind = \"range\" or \"touch\", found \"{other}\""),
+                ));
+            }
+        };
+        let key = |key: &str| format!("sensor.{name}.{key}");
+        let sigma = self.sigma(&key("sigma"), table.sigma.as_ref())?;
+        let along = self.sigma(&key("sigma_along"), table.sigma_along.as_ref())?;
+        let across = self.sigma(&key("sigma_across"), table.sigma_across.as_ref())?;
+        let ray_key = table.sigma_along.as_ref().or(table.sigma_across.as_ref());
+        if let (SensorKind::Touch, Some(found)) = (kind, ray_key) {
+            return Err(self.wrong(
+                found,
+                format_args!("sensor.{name} is a touch probe and has no ray: needed `sigma`"),
+            ));
+        }
+        let noise = match (sigma, along, across) {
+            (None, None, None) => None,
+            (Some(sigma), None, None) => Some(Noise::Isotropic { sigma }),
+            (None, Some(sigma_along), Some(sigma_across)) => Some(Noise::Ray {
+                sigma_along,
+                sigma_across,
+            }),
+            _ => {
+                let line = ray_key.map_or(1, |found| self.line(found.span().start));
+                return Err(Error::input(format!(
+                    "line {line}: sensor.{name}: needed either `sigma`, or both `sigma_along` and `sigma_across`, or none of them"
+                )));
+            }
+        };
+        Ok(Sensor {
+            name: name.to_owned(),
+            kind,
+            noise,
+        })
+    }
+
+    fn scan(&self, entry: &Spanned<ScanTable>, sensors: &[Sensor], folder: &Path) -> Result<ScanEntry> {
+        let table = entry.get_ref();
+        let sensor = match &table.sensor {
+            Some(name) => sensors.iter().position(|s| s.name == *name.get_ref()).ok_or_else(|| {
+                let known: Vec<_> = sensors.iter().map(|s| s.name.as_str()).collect();
+                self.wrong(
+                    name,
+                    format_args!(
+                        "needed the name of a sensor among [{}], found \"{}\"",
+                        known.join(", "),
+                        name.get_ref()
+                    ),
+                )
+            })?,
+            None if sensors.len() == 1 => 0,
+            None => return Err(self.wrong(entry, "this scan needs a `sensor`: the job names several")),
+        };
+        let pose = table.pose.as_ref();
+        let translation = match pose.and_then(|p| p.translation.as_ref()) {
+            Some(t) => self.finite("pose.translation", t)?,
+            None => [0.0; 3],
+        };
+        let world_from_scanner = match pose.and_then(|p| p.quaternion_xyzw.as_ref()) {
+            None => Pose {
+                translation,
+                ..Pose::identity()
+            },
+            Some(stated) => {
+                let q = self.finite("pose.quaternion_xyzw", stated)?;
+                let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+                Pose::from_quaternion_xyzw(q, translation)
+                    .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
+                    .ok_or_else(|| {
+                        let message = format!("needed pose.quaternion_xyzw of length 1, found length {length}");
+                        self.wrong(stated, message)
+                    })?
+            }
+        };
+        let viewing = match (&table.viewpoint, &table.direction) {
+            (None, None) => None,
+            (Some(point), None) => Some(Viewing::Origin(self.finite("viewpoint", point)?)),
+            (None, Some(direction)) => {
+                let d = self.finite("direction", direction)?;
+                let length = d.iter().map(|c| c * c).sum::<f64>().sqrt();
+                if !(length > 0.0 && length.is_finite()) {
+                    return Err(self.wrong(direction, format_args!("needed a direction, found {d:?}")));
+                }
+                Some(Viewing::Direction(d.map(|c| c / length)))
+            }
+            (Some(_), Some(direction)) => {
+                return Err(self.wrong(direction, "needed `viewpoint` or `direction`, found both"));
+            }
+        };
+        Ok(ScanEntry {
+            path: folder.join(table.file.get_ref()),
+            sensor,
+            world_from_scanner,
+            sigma_translation: self.sigma(
+                "pose.sigma_translation",
+                pose.and_then(|p| p.sigma_translation.as_ref()),
+            )?,
+            sigma_rotation_deg: self.sigma(
+                "pose.sigma_rotation_deg",
+                pose.and_then(|p| p.sigma_rotation_deg.as_ref()),
+            )?,
+            viewing,
+            line: self.line(table.file.span().start),
+        })
+    }
+}
+
+fn parse(source: &str, folder: &Path) -> Result<Job> {
+    let text = Text(source);
+    let kinds: KindsOnly = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
+    for (name, sensor) in &kinds.sensor {
+        if let Some(kind) = &sensor.kind
+            && PLANNED_KINDS.contains(&kind.get_ref().as_str())
+        {
+            return Err(Error::new(
+                ErrorKind::Unsupported,
+                format!(
+                    "line {}: sensor.{name}: this version cannot use sensors of the kind \"{}\" yet; needed \"range\" or \"touch\"",
+                    text.line(kind.span().start),
+                    kind.get_ref()
+                ),
+            ));
+        }
+    }
+    let table: JobTable = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
+    let unit = match &table.unit {
+        Some(name) => Some(name.get_ref().parse().map_err(|e: Error| text.wrong(name, e))?),
+        None => None,
+    };
+    let mut sensors = Vec::with_capacity(table.sensor.len());
+    for (name, sensor) in &table.sensor {
+        sensors.push(text.sensor(name, sensor.get_ref())?);
+    }
+    if table.scan.is_empty() {
+        return Err(Error::input("needed at least one [[scan]], found none"));
+    }
+    if sensors.is_empty() {
+        sensors.push(crate::scans::unnamed_sensor());
+    }
+    let scans = table.scan.iter().map(|entry| text.scan(entry, &sensors, folder));
+    Ok(Job {
+        unit,
+        scans: scans.collect::<Result<_>>()?,
+        sensors,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const GOOD: &str = r#"
+unit = "mm"
+
+[sensor.probe]
+kind = "touch"
+sigma = 0.004
+
+[sensor.laser]
+kind = "range"
+sigma_along = 0.05
+sigma_across = 0.02
+
+[[scan]]
+sensor = "laser"
+file = "top.ply"
+pose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, 0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
+direction = [0, 0, -2]
+
+[[scan]]
+sensor = "probe"
+file = "p.csv"
+viewpoint = [0, 0, 300]
+"#;
+
+    fn error(from: &str, to: &str) -> Error {
+        assert!(GOOD.contains(from), "{from}");
+        parse(&GOOD.replacen(from, to, 1), Path::new("d")).unwrap_err()
+    }
+
+    #[test]
+    fn a_job_names_sensors_and_scans() {
+        let job = parse(GOOD, Path::new("d")).unwrap();
+        assert_eq!(job.unit, Some(Unit::Millimetre));
+        assert_eq!(
+            job.sensors.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
+            ["laser", "probe"]
+        );
+        assert_eq!(
+            job.sensors[0].noise,
+            Some(Noise::Ray {
+                sigma_along: 0.05,
+                sigma_across: 0.02
+            })
+        );
+        assert_eq!(job.sensors[1].noise, Some(Noise::Isotropic { sigma: 0.004 }));
+        assert_eq!(job.sensors[1].kind, SensorKind::Touch);
+        let [top, probe] = &job.scans[..] else {
+            panic!("two scans")
+        };
+        assert_eq!((top.sensor, probe.sensor), (0, 1));
+        assert_eq!(top.path, Path::new("d/top.ply"));
+        assert_eq!((top.sigma_translation, top.sigma_rotation_deg), (Some(0.1), Some(0.05)));
+        assert_eq!(top.viewing, Some(Viewing::Direction([0.0, 0.0, -1.0])));
+        assert_eq!(probe.viewing, Some(Viewing::Origin([0.0, 0.0, 300.0])));
+        assert_eq!(probe.world_from_scanner, Pose::identity());
+        // The plain convention: a quarter turn about +z carries x to +y.
+        let p = top.world_from_scanner.apply([1.0, 0.0, 0.0]);
+        assert!(
+            p.iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-7),
+            "{p:?}"
+        );
+    }
+
+    #[test]
+    fn mistakes_are_named_by_line_and_key() {
+        for (from, to, line, words) in [
+            ("sigma = 0.004", "sigma = 0", 6, "sensor.probe.sigma > 0, found 0"),
+            (
+                "sigma_along = 0.05",
+                "sigma_along = nan",
+                10,
+                "sensor.laser.sigma_along",
+            ),
+            ("sigma_along = 0.05", "sigma_alnog = 0.05", 10, "sigma_alnog"),
+            ("sigma_across = 0.02\n", "", 10, "both `sigma_along` and `sigma_across`"),
+            ("sigma = 0.004", "sigma_along = 0.004", 6, "touch probe"),
+            ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),
+            (
+                "sensor = \"laser\"",
+                "sensor = \"lazer\"",
+                14,
+                "among [laser, probe], found \"lazer\"",
+            ),
+            (
+                "0.70710678, 0.70710678",
+                "0.7, 0.8",
+                16,
+                "pose.quaternion_xyzw of length 1",
+            ),
+            (
+                "sigma_translation = 0.1",
+                "sigma_translation = -1",
+                16,
+                "pose.sigma_translation > 0",
+            ),
+            (
+                "direction = [0, 0, -2]",
+                "direction = [0, 0, 0]",
+                17,
+                "needed a direction",
+            ),
+            ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 22, "found both"),
+            ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m` or `in`"),
+            ("file = \"p.csv\"", "", 19, "missing field `file`"),
+            ("sensor = \"probe\"\n", "", 19, "needs a `sensor`"),
+            ("[[scan]]", "[[scan]", 13, ""),
+        ] {
+            let e = error(from, to);
+            assert_eq!(e.kind(), ErrorKind::Input, "{e}");
+            assert!(
+                e.to_string().contains(&format!("line {line}: ")) && e.to_string().contains(words),
+                "{e}"
+            );
+        }
+        assert!(
+            parse("unit = \"mm\"", Path::new("d"))
+                .unwrap_err()
+                .to_string()
+                .contains("[[scan]]")
+        );
+    }
+
+    #[test]
+    fn planned_kinds_are_unsupported_whatever_their_keys() {
+        let e = error("kind = \"touch\"\nsigma = 0.004", "kind = \"normal\"\nsigma_deg = 2.0");
+        assert_eq!(e.kind(), ErrorKind::Unsupported);
+        assert!(
+            e.to_string().contains("line 5: sensor.probe") && e.to_string().contains("\"normal\""),
+            "{e}"
+        );
+    }
+
+    #[test]
+    fn a_job_without_sensors_has_one_whose_noise_is_estimated() {
+        let job = parse("[[scan]]\nfile = \"a.ply\"\n", Path::new("d")).unwrap();
+        assert_eq!(
+            (job.sensors.len(), job.sensors[0].noise, job.scans[0].sensor),
+            (1, None, 0)
+        );
+    }
+
+    #[test]
+    fn a_scan_that_is_missing_is_file_trouble_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("job.toml");
+        std::fs::write(&path, "\n[[scan]]\nfile = \"gone.ply\"\n").unwrap();
+        let e = read_job(&path).unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Io);
+        assert!(
+            e.to_string().contains("job.toml: line 3") && e.to_string().contains("gone.ply"),
+            "{e}"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_makes_it_panic(text in "([\\[\\]=\"{}a-z0-9. \n]|\\[\\[scan\\]\\]\n|file = \"a\"\n|\\[sensor.a\\]\n|kind = \"range\"\n){0,40}") {
+            let _ = parse(&text, Path::new("d"));
+        }
+    }
+}

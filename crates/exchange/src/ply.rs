@@ -1,0 +1,23 @@
+//! PLY, the polygon file format: scans and meshes in, meshes and points out.
+//!
+//! Comes in: ASCII and both binary orders, any number types, lists, elements that nobody asked for, LF or CRLF, comments.
+//! Goes out: a [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]; written files are binary little endian.
+//! Not guaranteed: `tristrips`, colours and other elements and properties are passed over; what follows the last promised
+//! record is not looked at.
+//!
+//! Files are streamed: beside the result, memory does not depend on the file's size, and no promised count reserves more
+//! than the file can hold.
+//!
+//! # References
+//! G. Turk, *The PLY Polygon File Format*, 1994.
+
+mod body;
+mod header;
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub(crate) use read::read_scan_and_unit;
+pub use read::{PolygonMesh, read_mesh, read_scan};
+pub use write::{Column, MeshColumns, write_mesh, write_points};

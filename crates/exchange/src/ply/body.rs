@@ -1,0 +1,276 @@
+//! Bodies of PLY files: one element after the other, as rows of numbers.
+//!
+//! Comes in: a source that stands at an element's first row. Goes out: each row as `f64` (which holds every PLY type
+//! exactly) and at most one of its lists. Nothing is reserved for a promised count; what is promised is compared with
+//! what the file can hold before the first row is read.
+//! Not guaranteed: whatever follows the last promised row is not looked at.
+
+use std::fmt;
+use std::io::Read;
+
+use planish_estimate::{Error, Result};
+
+use super::header::{Element, Encoding, NumberType};
+use crate::source::{Source, next_word, parse_number, shown};
+
+/// Where a row stands, for messages.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<'a> {
+    element: &'a str,
+    row: u64,
+    line: Option<u64>,
+    byte: u64,
+}
+
+impl fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            element,
+            row,
+            line,
+            byte,
+        } = self;
+        match line {
+            Some(line) => write!(f, "line {line} ({element} {row})"),
+            None => write!(f, "byte {byte} ({element} {row})"),
+        }
+    }
+}
+
+/// One record of an element.
+pub(crate) struct Row<'a> {
+    /// A number for each property; for a list, its length.
+    pub(crate) values: &'a [f64],
+    /// The list that was asked for.
+    pub(crate) list: &'a [f64],
+    pub(crate) place: Place<'a>,
+}
+
+fn cut_off(place: Place, promised: u64) -> Error {
+    let Place { element, row, .. } = place;
+    Error::input(format!(
+        "{place}: the file ends here: it is cut off ({promised} records of `{element}` promised, {row} found)"
+    ))
+}
+
+/// The least number of bytes that a row takes.
+fn least_row(element: &Element, encoding: Encoding) -> u64 {
+    let sizes = element.properties.iter().map(|p| match encoding {
+        // A digit and a blank or line end.
+        Encoding::Ascii => 2,
+        Encoding::Little | Encoding::Big => p.length.unwrap_or(p.number).size() as u64,
+    });
+    sizes.sum()
+}
+
+/// Refuses a count that the rest of the file cannot hold.
+pub(crate) fn check_count<R: Read>(source: &Source<R>, element: &Element, encoding: Encoding) -> Result<usize> {
+    let least = least_row(element, encoding);
+    // The last line of a text may lack its end.
+    let needed = element
+        .count
+        .saturating_mul(least)
+        .saturating_sub(u64::from(encoding == Encoding::Ascii));
+    if let Some(left) = source.remaining().filter(|&left| left < needed) {
+        return Err(Error::input(format!(
+            "the header promises {} records of `{}`, which take at least {needed} bytes, but only {left} bytes follow: \
+             the file is cut off or its header is wrong",
+            element.count, element.name
+        )));
+    }
+    Ok(source.reserve(element.count, least))
+}
+
+/// Reads an element's rows, in order; `wanted_list` is the property whose items the rows carry.
+pub(crate) fn read_rows<R: Read>(
+    source: &mut Source<R>,
+    element: &Element,
+    encoding: Encoding,
+    wanted_list: Option<usize>,
+    row: impl FnMut(&Row) -> Result<()>,
+) -> Result<()> {
+    check_count(source, element, encoding)?;
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    match encoding {
+        Encoding::Ascii => read_text_rows(source, element, wanted_list, row),
+        Encoding::Little => read_binary_rows::<R, false>(source, element, wanted_list, row),
+        Encoding::Big => read_binary_rows::<R, true>(source, element, wanted_list, row),
+    }
+}
+
+/// Passes over an element that nobody asked for.
+pub(crate) fn skip_rows<R: Read>(source: &mut Source<R>, element: &Element, encoding: Encoding) -> Result<()> {
+    let has_lists = element.properties.iter().any(|p| p.length.is_some());
+    if encoding == Encoding::Ascii || has_lists {
+        return read_rows(source, element, encoding, None, |_| Ok(()));
+    }
+    check_count(source, element, encoding)?;
+    let place = Place {
+        element: &element.name,
+        row: 0,
+        line: None,
+        byte: source.offset(),
+    };
+    match source.skip(element.count.saturating_mul(least_row(element, encoding)))? {
+        true => Ok(()),
+        false => Err(cut_off(place, element.count)),
+    }
+}
+
+/// A list's length as a count, where it is one.
+fn count_of(value: f64) -> Option<u64> {
+    (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u64)
+}
+
+fn read_text_rows<R: Read>(
+    source: &mut Source<R>,
+    element: &Element,
+    wanted_list: Option<usize>,
+    mut row: impl FnMut(&Row) -> Result<()>,
+) -> Result<()> {
+    let mut values = vec![0.0; element.properties.len()];
+    let mut list = Vec::new();
+    for index in 0..element.count {
+        let (number, byte) = (source.line_number() + 1, source.offset());
+        let mut place = Place {
+            element: &element.name,
+            row: index,
+            line: Some(number),
+            byte,
+        };
+        let mut line = loop {
+            let skipped = source.line_number() + 1;
+            place.line = Some(skipped);
+            match source.line()? {
+                None => return Err(cut_off(place, element.count)),
+                Some(line) if line.iter().all(u8::is_ascii_whitespace) => {}
+                // The borrow ends with the row: the words are taken from here on.
+                Some(line) => break line,
+            }
+        };
+        let too_short = |property: &str| Error::input(format!("{place}: the line ends before `{property}`"));
+        let wrong = |property: &str, needed: &str, word: &[u8]| {
+            Error::input(format!(
+                "{place}: needed {needed} for `{property}`, found {}",
+                shown(word)
+            ))
+        };
+        for (k, property) in element.properties.iter().enumerate() {
+            let name = property.name.as_str();
+            let word = next_word(&mut line).ok_or_else(|| too_short(name))?;
+            let value = parse_number(word).ok_or_else(|| wrong(name, "a number", word))?;
+            values[k] = value;
+            if property.length.is_some() {
+                let items = count_of(value).ok_or_else(|| wrong(name, "a length", word))?;
+                let wanted = wanted_list == Some(k);
+                if wanted {
+                    list.clear();
+                }
+                for _ in 0..items {
+                    let word = next_word(&mut line).ok_or_else(|| too_short(name))?;
+                    if wanted {
+                        list.push(parse_number(word).ok_or_else(|| wrong(name, "numbers", word))?);
+                    }
+                }
+            }
+        }
+        if let Some(word) = next_word(&mut line) {
+            return Err(Error::input(format!(
+                "{place}: needed the end of the line, found {} more",
+                shown(word)
+            )));
+        }
+        row(&Row {
+            values: &values,
+            list: &list,
+            place,
+        })?;
+    }
+    Ok(())
+}
+
+/// A number of a binary body; `bytes` has the type's size.
+#[inline]
+fn decode<const BIG: bool>(number: NumberType, bytes: &[u8]) -> f64 {
+    fn ordered<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
+        let mut ordered = [0; N];
+        ordered.copy_from_slice(&bytes[..N]);
+        if BIG {
+            ordered.reverse();
+        }
+        ordered
+    }
+    match number {
+        NumberType::I8 => f64::from(i8::from_le_bytes(ordered::<BIG, 1>(bytes))),
+        NumberType::U8 => f64::from(bytes[0]),
+        NumberType::I16 => f64::from(i16::from_le_bytes(ordered::<BIG, 2>(bytes))),
+        NumberType::U16 => f64::from(u16::from_le_bytes(ordered::<BIG, 2>(bytes))),
+        NumberType::I32 => f64::from(i32::from_le_bytes(ordered::<BIG, 4>(bytes))),
+        NumberType::U32 => f64::from(u32::from_le_bytes(ordered::<BIG, 4>(bytes))),
+        NumberType::F32 => f64::from(f32::from_le_bytes(ordered::<BIG, 4>(bytes))),
+        NumberType::F64 => f64::from_le_bytes(ordered::<BIG, 8>(bytes)),
+    }
+}
+
+fn read_binary_rows<R: Read, const BIG: bool>(
+    source: &mut Source<R>,
+    element: &Element,
+    wanted_list: Option<usize>,
+    mut row: impl FnMut(&Row) -> Result<()>,
+) -> Result<()> {
+    let mut values = vec![0.0; element.properties.len()];
+    let mut list = Vec::new();
+    // Runs of plain numbers are read at once, lists one by one.
+    let flat = element.properties.iter().all(|p| p.length.is_none());
+    let row_size = element.properties.iter().map(|p| p.number.size()).sum();
+    for index in 0..element.count {
+        let place = Place {
+            element: &element.name,
+            row: index,
+            line: None,
+            byte: source.offset(),
+        };
+        let ends = || cut_off(place, element.count);
+        if flat {
+            let mut bytes = source.bytes(row_size)?.ok_or_else(ends)?;
+            for (value, property) in values.iter_mut().zip(&element.properties) {
+                let (head, rest) = bytes.split_at(property.number.size());
+                *value = decode::<BIG>(property.number, head);
+                bytes = rest;
+            }
+        } else {
+            for (k, property) in element.properties.iter().enumerate() {
+                let first = property.length.unwrap_or(property.number);
+                values[k] = decode::<BIG>(first, source.bytes(first.size())?.ok_or_else(ends)?);
+                if property.length.is_none() {
+                    continue;
+                }
+                let Some(items) = count_of(values[k]) else {
+                    return Err(Error::input(format!(
+                        "{place}: needed a length for `{}`, found {}",
+                        property.name, values[k]
+                    )));
+                };
+                let size = property.number.size();
+                if wanted_list != Some(k) {
+                    if !source.skip(items * size as u64)? {
+                        return Err(ends());
+                    }
+                    continue;
+                }
+                list.clear();
+                for _ in 0..items {
+                    list.push(decode::<BIG>(property.number, source.bytes(size)?.ok_or_else(ends)?));
+                }
+            }
+        }
+        row(&Row {
+            values: &values,
+            list: &list,
+            place,
+        })?;
+    }
+    Ok(())
+}

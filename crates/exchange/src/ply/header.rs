@@ -1,0 +1,197 @@
+//! Headers of PLY files.
+//!
+//! Comes in: the first lines of a file, up to `end_header`. Goes out: what the rest of the file promises to hold.
+//! Not guaranteed: that the file holds it; [`super::body`] finds out.
+
+use std::io::Read;
+
+use planish_estimate::{Error, Result};
+
+use crate::Unit;
+use crate::source::{Source, shown};
+
+/// How the body is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+/// Types of numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NumberType {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl NumberType {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes that a number takes.
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// A property: one number, or a list of numbers behind its length.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Property {
+    pub(crate) name: String,
+    /// The type of the list's length, for a list.
+    pub(crate) length: Option<NumberType>,
+    pub(crate) number: NumberType,
+}
+
+/// A kind of record and how many of them there are.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Element {
+    pub(crate) name: String,
+    pub(crate) count: u64,
+    pub(crate) properties: Vec<Property>,
+}
+
+/// What a header says.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Header {
+    pub(crate) encoding: Encoding,
+    pub(crate) elements: Vec<Element>,
+    /// `obj_info num_cols` and `num_rows`: the size of a range grid.
+    pub(crate) grid_columns: Option<u64>,
+    pub(crate) grid_rows: Option<u64>,
+    /// `obj_info is_cyberware_data 1`.
+    pub(crate) cyberware: bool,
+    /// `comment unit mm`.
+    pub(crate) unit: Option<Unit>,
+}
+
+impl Header {
+    pub(crate) fn element(&self, name: &str) -> Option<&Element> {
+        self.elements.iter().find(|e| e.name == name)
+    }
+}
+
+/// Reads a header through `end_header`.
+pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
+    match source.line()? {
+        None => return Err(Error::input("the file is empty")),
+        Some(b"ply") => {}
+        Some(line) if line.starts_with(b"ply\r") => {
+            return Err(Error::input(
+                "line 1: lines end in a lone carriage return, needed LF or CRLF",
+            ));
+        }
+        Some(line) => return Err(Error::input(format!("line 1: needed `ply`, found {}", shown(line)))),
+    }
+    let mut encoding = None;
+    let mut header = Header {
+        encoding: Encoding::Ascii,
+        elements: Vec::new(),
+        grid_columns: None,
+        grid_rows: None,
+        cyberware: false,
+        unit: None,
+    };
+    loop {
+        let number = source.line_number() + 1;
+        let Some(line) = source.line()? else {
+            return Err(Error::input(format!(
+                "line {number}: the file ends before `end_header`: it is cut off"
+            )));
+        };
+        // Comments may be in any encoding; names are compared as text.
+        let text = String::from_utf8_lossy(line);
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        let wrong = |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        match words[..] {
+            ["end_header"] => break,
+            ["comment", "unit", name] => header.unit = name.parse().ok(),
+            [] | ["comment", ..] => {}
+            ["obj_info", "num_cols", n] => {
+                header.grid_columns = Some(n.parse().map_err(|_| wrong("a number of columns"))?)
+            }
+            ["obj_info", "num_rows", n] => header.grid_rows = Some(n.parse().map_err(|_| wrong("a number of rows"))?),
+            ["obj_info", "is_cyberware_data", flag] => header.cyberware = flag == "1",
+            ["obj_info", ..] => {}
+            ["format", name, version] => {
+                if encoding.is_some() {
+                    return Err(wrong("one `format` line"));
+                }
+                encoding = Some(match name {
+                    "ascii" => Encoding::Ascii,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
+                    _ => return Err(wrong("`ascii`, `binary_little_endian` or `binary_big_endian`")),
+                });
+                if version != "1.0" {
+                    return Err(wrong("version 1.0"));
+                }
+            }
+            ["element", name, count] => {
+                let count = count.parse().map_err(|_| wrong("a count that is not negative"))?;
+                if header.element(name).is_some() {
+                    return Err(wrong("a name that no other element has"));
+                }
+                header.elements.push(Element {
+                    name: name.to_owned(),
+                    count,
+                    properties: Vec::new(),
+                });
+            }
+            ["property", ..] => {
+                let (name, length, number) = match words[1..] {
+                    ["list", length, item, name] => {
+                        let length =
+                            NumberType::parse(length).filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
+                        let length = length.ok_or_else(|| wrong("a list length of an integer type"))?;
+                        (name, Some(length), NumberType::parse(item))
+                    }
+                    [number, name] => (name, None, NumberType::parse(number)),
+                    _ => return Err(wrong("`property TYPE NAME` or `property list TYPE TYPE NAME`")),
+                };
+                let number = number.ok_or_else(|| wrong("a type among char … double, int8 … float64"))?;
+                let Some(element) = header.elements.last_mut() else {
+                    return Err(wrong("an `element` line before its properties"));
+                };
+                if element.properties.iter().any(|p| p.name == name) {
+                    return Err(wrong("a name that no other property of the element has"));
+                }
+                element.properties.push(Property {
+                    name: name.to_owned(),
+                    length,
+                    number,
+                });
+            }
+            _ => {
+                return Err(wrong(
+                    "`format`, `comment`, `obj_info`, `element`, `property` or `end_header`",
+                ));
+            }
+        }
+    }
+    header.encoding = encoding.ok_or_else(|| Error::input("the header has no `format` line"))?;
+    Ok(header)
+}

@@ -1,0 +1,241 @@
+//! Scans and meshes from PLY files.
+
+use std::io::Read;
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::{RangeGrid, Scan, Viewing};
+
+use super::body::{Place, Row, check_count, read_rows, skip_rows};
+use super::header::{Element, Header, read_header};
+use crate::Unit;
+use crate::points::{PointCollector, PointColumns};
+use crate::source::{Source, open};
+
+/// Triangles with named numbers at their vertices, as a file holds them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PolygonMesh {
+    /// Positions, in the file's unit; all finite.
+    pub points: Vec<[f64; 3]>,
+    /// Indices of the corners, all below `points.len()`. A polygon is cut into the fan of its first corner.
+    pub triangles: Vec<[u32; 3]>,
+    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not finite).
+    pub columns: Vec<(String, Vec<f64>)>,
+    /// The unit of length, where a line `comment unit mm` names it.
+    pub unit: Option<Unit>,
+}
+
+impl PolygonMesh {
+    /// The numbers of a vertex property.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_slice())
+    }
+}
+
+/// Reads the points of a scan and what the file says about their errors.
+///
+/// Vertex properties: `x y z`; `sigma` or `cxx cxy cxz cyy cyz czz`; `nx ny nz`; `sigma_n_deg`. An element `range_grid`
+/// (a list `vertex_indices` of none or one vertex per cell, row by row, with `obj_info num_cols` and `num_rows`) gives
+/// the sampling grid. `obj_info is_cyberware_data 1` says that the scanner looked along −z of its own frame. Vertices
+/// whose coordinates are not finite are dropped and counted, and the grid renumbered. The pose is the identity.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// when it is malformed, cut off, or states a σ or covariance that is not positive: with the file and the line (ASCII)
+/// or byte and index (binary).
+pub fn read_scan(path: &Path) -> Result<Scan> {
+    read_scan_and_unit(path).map(|(scan, _)| scan)
+}
+
+/// [`read_scan`], with the unit that the file names.
+pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|mut source| scan_from(&mut source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Reads a mesh.
+///
+/// Vertex properties `x y z` are needed; the element `face` with its list `vertex_indices` (or `vertex_index`) may be
+/// missing: the mesh then has no triangles.
+///
+/// # Errors
+/// As [`read_scan`]; also for a coordinate that is not finite, an index beyond the vertices, and a face of fewer than
+/// three corners.
+pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
+    open(path)
+        .and_then(|mut source| mesh_from(&mut source))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// The vertex element and the names of its plain properties ("" for lists, which are no columns).
+fn vertices(header: &Header) -> Result<(&Element, Vec<&str>)> {
+    let element = header.element("vertex").ok_or_else(|| {
+        let names: Vec<_> = header.elements.iter().map(|e| e.name.as_str()).collect();
+        Error::input(format!("needed an element `vertex`, found [{}]", names.join(", ")))
+    })?;
+    let names = element.properties.iter().map(|p| match p.length {
+        None => p.name.as_str(),
+        Some(_) => "",
+    });
+    Ok((element, names.collect()))
+}
+
+/// An index below `count`.
+fn index_below(value: f64, count: u64, place: Place) -> Result<u32> {
+    if value >= 0.0 && value < count as f64 && value.fract() == 0.0 && value <= f64::from(u32::MAX) {
+        return Ok(value as u32);
+    }
+    Err(Error::input(format!(
+        "{place}: needed a vertex index below {count}, found {value}"
+    )))
+}
+
+/// The list `vertex_indices` of an element.
+fn index_list(element: &Element) -> Result<usize> {
+    let found = element
+        .properties
+        .iter()
+        .position(|p| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index"));
+    found.ok_or_else(|| {
+        Error::input(format!(
+            "the element `{}` has no list property `vertex_indices`",
+            element.name
+        ))
+    })
+}
+
+pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
+    let header = read_header(source)?;
+    let (vertex, names) = vertices(&header)?;
+    let columns = PointColumns::find(&names).map_err(|e| e.in_context("element `vertex`"))?;
+    let mut collector = PointCollector::new(columns, check_count(source, vertex, header.encoding)?);
+    let mut grid = None;
+    for element in &header.elements {
+        match element.name.as_str() {
+            "vertex" => read_rows(source, element, header.encoding, None, |row| {
+                collector.push(row.values, row.place)
+            })?,
+            "range_grid" => grid = Some(range_grid(source, &header, element, vertex.count)?),
+            _ => skip_rows(source, element, header.encoding)?,
+        }
+    }
+    let (mut scan, dropped) = collector.finish(name);
+    if let Some(grid) = &mut grid
+        && !dropped.is_empty()
+    {
+        for cell in grid.cells.iter_mut().filter(|cell| **cell != RangeGrid::EMPTY) {
+            *cell = match dropped.binary_search(&u64::from(*cell)) {
+                Ok(_) => RangeGrid::EMPTY,
+                Err(before) => *cell - before as u32,
+            };
+        }
+    }
+    scan.grid = grid;
+    if header.cyberware {
+        scan.viewing = Viewing::Direction([0.0, 0.0, -1.0]);
+    }
+    Ok((scan, header.unit))
+}
+
+fn range_grid<R: Read>(source: &mut Source<R>, header: &Header, element: &Element, vertices: u64) -> Result<RangeGrid> {
+    let (Some(columns), Some(rows)) = (header.grid_columns, header.grid_rows) else {
+        return Err(Error::input(
+            "the element `range_grid` needs `obj_info num_cols` and `obj_info num_rows`",
+        ));
+    };
+    if columns.checked_mul(rows) != Some(element.count) {
+        return Err(Error::input(format!(
+            "needed {columns} x {rows} cells in `range_grid`, found {}",
+            element.count
+        )));
+    }
+    let list = index_list(element)?;
+    let mut cells = Vec::with_capacity(check_count(source, element, header.encoding)?);
+    read_rows(source, element, header.encoding, Some(list), |row: &Row| {
+        cells.push(match *row.list {
+            [] => RangeGrid::EMPTY,
+            [index] => index_below(index, vertices, row.place)?,
+            _ => {
+                return Err(Error::input(format!(
+                    "{}: needed none or one vertex in a cell, found {}",
+                    row.place,
+                    row.list.len()
+                )));
+            }
+        });
+        Ok(())
+    })?;
+    // Both fit: their product counts records that were read.
+    Ok(RangeGrid {
+        columns: usize::try_from(columns).unwrap_or(0),
+        rows: usize::try_from(rows).unwrap_or(0),
+        cells,
+    })
+}
+
+pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+    let header = read_header(source)?;
+    let (vertex, names) = vertices(&header)?;
+    let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));
+    let [Some(x), Some(y), Some(z)] = position else {
+        return Err(Error::input(format!(
+            "element `vertex`: needed the properties x y z, found {}",
+            names.join(" ")
+        )));
+    };
+    let others: Vec<usize> = (0..names.len())
+        .filter(|&k| !names[k].is_empty() && ![x, y, z].contains(&k))
+        .collect();
+    let mut mesh = PolygonMesh {
+        columns: others.iter().map(|&k| (names[k].to_owned(), Vec::new())).collect(),
+        unit: header.unit,
+        ..PolygonMesh::default()
+    };
+    for element in &header.elements {
+        match element.name.as_str() {
+            "vertex" => {
+                mesh.points.reserve(check_count(source, element, header.encoding)?);
+                read_rows(source, element, header.encoding, None, |row| {
+                    let point = [row.values[x], row.values[y], row.values[z]];
+                    if !point.iter().all(|c| c.is_finite()) {
+                        return Err(Error::input(format!(
+                            "{}: needed finite coordinates, found {} {} {}",
+                            row.place, point[0], point[1], point[2]
+                        )));
+                    }
+                    mesh.points.push(point);
+                    for ((_, column), &k) in mesh.columns.iter_mut().zip(&others) {
+                        column.push(row.values[k]);
+                    }
+                    Ok(())
+                })?;
+            }
+            "face" => {
+                let list = index_list(element)?;
+                mesh.triangles.reserve(check_count(source, element, header.encoding)?);
+                read_rows(source, element, header.encoding, Some(list), |row| {
+                    if row.list.len() < 3 {
+                        return Err(Error::input(format!(
+                            "{}: needed three corners or more, found {}",
+                            row.place,
+                            row.list.len()
+                        )));
+                    }
+                    let first = index_below(row.list[0], vertex.count, row.place)?;
+                    let mut last = index_below(row.list[1], vertex.count, row.place)?;
+                    for &corner in &row.list[2..] {
+                        let corner = index_below(corner, vertex.count, row.place)?;
+                        mesh.triangles.push([first, last, corner]);
+                        last = corner;
+                    }
+                    Ok(())
+                })?;
+            }
+            _ => skip_rows(source, element, header.encoding)?,
+        }
+    }
+    Ok(mesh)
+}

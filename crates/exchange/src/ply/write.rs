@@ -1,0 +1,175 @@
+//! Meshes and points as binary little-endian PLY files.
+//!
+//! Comes in: positions with named columns. Goes out: `float64 x y z`, then the columns in the given order, then faces as
+//! `list uchar int vertex_indices`. The same input gives the same bytes.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+
+use crate::Unit;
+use crate::atomic::write_atomically;
+
+/// One number for each vertex.
+#[derive(Debug, Clone, Copy)]
+pub enum Column<'a> {
+    /// Written as `double`.
+    F64(&'a [f64]),
+    /// Written as `uchar`.
+    U8(&'a [u8]),
+}
+
+impl Column<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::F64(values) => values.len(),
+            Self::U8(values) => values.len(),
+        }
+    }
+}
+
+/// What a mesh file holds.
+///
+/// The mesh of a fit has normals and the columns `sigma` ([`Column::F64`], along the normal) and `observed`
+/// ([`Column::U8`]: 1 measured, 0 prior only, 2 completed).
+#[derive(Debug, Clone, Default)]
+pub struct MeshColumns<'a> {
+    /// Positions.
+    pub points: &'a [[f64; 3]],
+    /// Normals `nx ny nz`, one for each point.
+    pub normals: Option<&'a [[f64; 3]]>,
+    /// Further columns: a name without blanks and one number for each point.
+    pub columns: Vec<(&'a str, Column<'a>)>,
+    /// Corners of triangles.
+    pub triangles: &'a [[u32; 3]],
+    /// Unit of length, written as `comment unit mm`.
+    pub unit: Option<Unit>,
+}
+
+/// Writes a mesh; [`read_mesh`](super::read_mesh) gives back the same numbers.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, bad names, or corners beyond the points;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::ply::{Column, MeshColumns, read_mesh, write_mesh};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("one.ply");
+/// write_mesh(&path, &MeshColumns {
+///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+///     columns: vec![("sigma", Column::F64(&[0.1, 0.1, 0.2])), ("observed", Column::U8(&[1, 1, 0]))],
+///     triangles: &[[0, 1, 2]],
+///     ..MeshColumns::default()
+/// })?;
+/// assert_eq!(read_mesh(&path)?.column("sigma"), Some(&[0.1, 0.1, 0.2][..]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
+    write_file(path, mesh, true)
+}
+
+/// Writes the points and their columns without faces; `mesh.triangles` is not looked at.
+///
+/// # Errors
+/// As [`write_mesh`].
+pub fn write_points(path: &Path, mesh: &MeshColumns) -> Result<()> {
+    write_file(path, mesh, false)
+}
+
+fn write_file(path: &Path, mesh: &MeshColumns, faces: bool) -> Result<()> {
+    check(mesh, faces).map_err(|e| e.in_context(path.display()))?;
+    write_atomically(path, |writer| write_to(writer, mesh, faces))
+}
+
+fn check(mesh: &MeshColumns, faces: bool) -> Result<()> {
+    let points = mesh.points.len();
+    let normals = mesh.normals.map(|n| ("normals", n.len()));
+    let columns = mesh.columns.iter().map(|(name, column)| (*name, column.len()));
+    for (name, length) in columns.clone().chain(normals) {
+        if length != points {
+            return Err(Error::input(format!(
+                "needed {points} entries in the column `{name}`, found {length}"
+            )));
+        }
+    }
+    let mut names: Vec<&str> = vec!["x", "y", "z"];
+    if mesh.normals.is_some() {
+        names.extend(["nx", "ny", "nz"]);
+    }
+    for (name, _) in columns {
+        let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
+        if !word || names.contains(&name) {
+            return Err(Error::input(format!(
+                "the column name {name:?}: needed one word that no other column has"
+            )));
+        }
+        names.push(name);
+    }
+    if faces {
+        let limit = points.min(i32::MAX as usize);
+        if let Some(at) = mesh
+            .triangles
+            .iter()
+            .position(|t| t.iter().any(|&v| v as usize >= limit))
+        {
+            return Err(Error::input(format!(
+                "triangle {at}: needed indices below {limit}, found {:?}",
+                mesh.triangles[at]
+            )));
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool) -> io::Result<()> {
+    writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
+    if let Some(unit) = mesh.unit {
+        writeln!(writer, "comment unit {unit}")?;
+    }
+    writeln!(writer, "element vertex {}", mesh.points.len())?;
+    let normals: &[&str] = if mesh.normals.is_some() {
+        &["nx", "ny", "nz"]
+    } else {
+        &[]
+    };
+    for name in ["x", "y", "z"].iter().chain(normals) {
+        writeln!(writer, "property double {name}")?;
+    }
+    for (name, column) in &mesh.columns {
+        let number = match column {
+            Column::F64(_) => "double",
+            Column::U8(_) => "uchar",
+        };
+        writeln!(writer, "property {number} {name}")?;
+    }
+    if faces {
+        writeln!(writer, "element face {}", mesh.triangles.len())?;
+        writeln!(writer, "property list uchar int vertex_indices")?;
+    }
+    writeln!(writer, "end_header")?;
+    for (i, point) in mesh.points.iter().enumerate() {
+        let normal = mesh.normals.map(|normals| normals[i]);
+        for coordinate in point.iter().chain(normal.iter().flatten()) {
+            writer.write_all(&coordinate.to_le_bytes())?;
+        }
+        for (_, column) in &mesh.columns {
+            match column {
+                Column::F64(values) => writer.write_all(&values[i].to_le_bytes())?,
+                Column::U8(values) => writer.write_all(&values[i..=i])?,
+            }
+        }
+    }
+    if faces {
+        for triangle in mesh.triangles {
+            let mut record = [3; 13];
+            for (k, corner) in triangle.iter().enumerate() {
+                record[1 + 4 * k..5 + 4 * k].copy_from_slice(&corner.to_le_bytes());
+            }
+            writer.write_all(&record)?;
+        }
+    }
+    Ok(())
+}

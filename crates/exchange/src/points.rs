@@ -1,0 +1,283 @@
+//! Named columns of point records, gathered into a scan.
+//!
+//! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records whose
+//! coordinates are not finite (counted), and with statistics that were checked: every σ is positive and finite, every
+//! covariance positive definite. Columns with other names are passed over.
+//! Not guaranteed: that normals have unit length. One that is not finite is kept as zero: not known.
+
+use std::fmt::Display;
+
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+/// Which columns say how uncertain a position is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Uncertainty {
+    Unstated,
+    Sigma(usize),
+    Covariance([usize; 6]),
+}
+
+/// Where in a record each quantity stands.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PointColumns {
+    position: [usize; 3],
+    uncertainty: Uncertainty,
+    normal: Option<[usize; 3]>,
+    sigma_normal: Option<usize>,
+}
+
+/// The columns of a family: all, none, or an error that names what is missing.
+fn family<const N: usize>(names: &[&str], wanted: [&str; N]) -> Result<Option<[usize; N]>> {
+    let found = wanted.map(|name| names.iter().position(|n| *n == name));
+    if found.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let missing: Vec<_> = (0..N).filter(|&k| found[k].is_none()).map(|k| wanted[k]).collect();
+    if !missing.is_empty() {
+        return Err(Error::input(format!(
+            "needed all of the columns {}, found no {}",
+            wanted.join(" "),
+            missing.join(" ")
+        )));
+    }
+    Ok(Some(found.map(Option::unwrap_or_default)))
+}
+
+impl PointColumns {
+    /// Positions in the first three columns.
+    pub(crate) fn positions_only() -> Self {
+        Self {
+            position: [0, 1, 2],
+            uncertainty: Uncertainty::Unstated,
+            normal: None,
+            sigma_normal: None,
+        }
+    }
+
+    /// Positions, then normals, in the first six columns.
+    pub(crate) fn positions_and_normals() -> Self {
+        Self {
+            normal: Some([3, 4, 5]),
+            ..Self::positions_only()
+        }
+    }
+
+    /// The quantities that column names promise.
+    pub(crate) fn find(names: &[&str]) -> Result<Self> {
+        let Some(position) = family(names, ["x", "y", "z"])? else {
+            return Err(Error::input(format!(
+                "needed the columns x y z, found {}",
+                if names.is_empty() {
+                    "none".to_owned()
+                } else {
+                    names.join(" ")
+                }
+            )));
+        };
+        let covariance = family(names, ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"])?;
+        let sigma = names.iter().position(|n| *n == "sigma");
+        let uncertainty = match (sigma, covariance) {
+            (None, None) => Uncertainty::Unstated,
+            (Some(column), None) => Uncertainty::Sigma(column),
+            (None, Some(columns)) => Uncertainty::Covariance(columns),
+            (Some(_), Some(_)) => {
+                return Err(Error::input(
+                    "has both sigma and cxx cxy cxz cyy cyz czz: needed one of the two",
+                ));
+            }
+        };
+        Ok(Self {
+            position,
+            uncertainty,
+            normal: family(names, ["nx", "ny", "nz"])?,
+            sigma_normal: names.iter().position(|n| *n == "sigma_n_deg"),
+        })
+    }
+
+    /// How many columns a record needs at least.
+    pub(crate) fn width(&self) -> usize {
+        let uncertainty: &[usize] = match &self.uncertainty {
+            Uncertainty::Unstated => &[],
+            Uncertainty::Sigma(column) => std::slice::from_ref(column),
+            Uncertainty::Covariance(columns) => columns,
+        };
+        let all = self
+            .position
+            .iter()
+            .chain(uncertainty)
+            .chain(self.normal.iter().flatten());
+        1 + all.chain(&self.sigma_normal).max().copied().unwrap_or(0)
+    }
+}
+
+/// Gathers records into a scan.
+pub(crate) struct PointCollector {
+    columns: PointColumns,
+    scan: Scan,
+    records: u64,
+    /// Numbers of the records that were dropped, ascending.
+    dropped: Vec<u64>,
+}
+
+impl PointCollector {
+    /// An empty collection with room for `reserve` points.
+    pub(crate) fn new(columns: PointColumns, reserve: usize) -> Self {
+        let mut scan = Scan {
+            points: Vec::with_capacity(reserve),
+            ..Scan::default()
+        };
+        match columns.uncertainty {
+            Uncertainty::Unstated => {}
+            Uncertainty::Sigma(_) => scan.sigma = Some(Vec::with_capacity(reserve)),
+            Uncertainty::Covariance(_) => scan.covariance = Some(Vec::with_capacity(reserve)),
+        }
+        scan.normals = columns.normal.map(|_| Vec::with_capacity(reserve));
+        scan.sigma_normal_deg = columns.sigma_normal.map(|_| Vec::with_capacity(reserve));
+        Self {
+            columns,
+            scan,
+            records: 0,
+            dropped: Vec::new(),
+        }
+    }
+
+    /// Adds a record of at least [`PointColumns::width`] numbers.
+    #[inline]
+    pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {
+        let number = self.records;
+        self.records += 1;
+        let point = self.columns.position.map(|c| record[c]);
+        if !point.iter().all(|c| c.is_finite()) {
+            self.dropped.push(number);
+            return Ok(());
+        }
+        if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
+            return Err(Error::unsupported(format!(
+                "more than {} points in one scan: split it",
+                u32::MAX
+            )));
+        }
+        self.scan.points.push(point);
+        let positive = |name: &str, value: f64| {
+            if value > 0.0 && value.is_finite() {
+                return Ok(value);
+            }
+            Err(Error::input(format!(
+                "{place}: needed {name} > 0, found {value} (point {number})"
+            )))
+        };
+        match self.columns.uncertainty {
+            Uncertainty::Unstated => {}
+            Uncertainty::Sigma(column) => {
+                let sigma = positive("sigma", record[column])?;
+                self.scan.sigma.get_or_insert_default().push(sigma);
+            }
+            Uncertainty::Covariance(columns) => {
+                let covariance = columns.map(|c| record[c]);
+                if !is_positive_definite(&covariance) {
+                    return Err(Error::input(format!(
+                        "{place}: needed a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} (point {number})",
+                        covariance.map(|c| c.to_string()).join(" ")
+                    )));
+                }
+                self.scan.covariance.get_or_insert_default().push(covariance);
+            }
+        }
+        if let Some(columns) = self.columns.normal {
+            let normal = columns.map(|c| record[c]);
+            let known = normal.iter().all(|c| c.is_finite());
+            let normals = self.scan.normals.get_or_insert_default();
+            normals.push(if known { normal } else { [0.0; 3] });
+        }
+        if let Some(column) = self.columns.sigma_normal {
+            let sigma = positive("sigma_n_deg", record[column])?;
+            self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);
+        }
+        Ok(())
+    }
+
+    /// The scan, and the numbers of the records that were dropped.
+    pub(crate) fn finish(mut self, name: &str) -> (Scan, Vec<u64>) {
+        self.scan.name = name.to_owned();
+        self.scan.dropped_not_finite = self.dropped.len();
+        (self.scan, self.dropped)
+    }
+}
+
+/// Whether `[xx, xy, xz, yy, yz, zz]` is finite and positive definite beyond rounding.
+fn is_positive_definite(c: &[f64; 6]) -> bool {
+    let [xx, xy, xz, yy, yz, zz] = *c;
+    let least = 1e-14 * xx.max(yy).max(zz);
+    // Pivots of the Cholesky factorisation; NaN fails every comparison.
+    let (a, b) = (xy / xx, xz / xx);
+    let p1 = yy - a * xy;
+    let q = (yz - b * xy) / p1;
+    let p2 = zz - b * xz - q * (yz - b * xy);
+    c.iter().all(|v| v.is_finite()) && xx > 0.0 && xx > least && p1 > least && p2 > least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn collect(names: &[&str], records: &[&[f64]]) -> Result<Scan> {
+        let mut collector = PointCollector::new(PointColumns::find(names)?, 0);
+        for (i, record) in records.iter().enumerate() {
+            collector.push(record, format_args!("line {}", i + 1))?;
+        }
+        Ok(collector.finish("a").0)
+    }
+
+    #[test]
+    fn columns_are_found_in_any_order() {
+        let names = ["nz", "z", "red", "sigma", "y", "x", "ny", "nx"];
+        let scan = collect(&names, &[&[6.0, 3.0, 9.0, 0.5, 2.0, 1.0, 5.0, 4.0]]).unwrap();
+        assert_eq!(scan.points, [[1.0, 2.0, 3.0]]);
+        assert_eq!(scan.normals.unwrap(), [[4.0, 5.0, 6.0]]);
+        assert_eq!(scan.sigma.unwrap(), [0.5]);
+    }
+
+    #[test]
+    fn half_a_family_of_columns_is_an_error_that_names_the_rest() {
+        let e = PointColumns::find(&["x", "y", "z", "cxx", "cyy", "czz"]).unwrap_err();
+        assert!(e.to_string().contains("found no cxy cxz cyz"), "{e}");
+        let e = PointColumns::find(&["x", "y"]).unwrap_err();
+        assert!(e.to_string().contains("found no z"), "{e}");
+    }
+
+    #[test]
+    fn impossible_statistics_are_refused_by_line_and_point() {
+        for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let records: [&[f64]; 2] = [&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, sigma]];
+            let e = collect(&["x", "y", "z", "sigma"], &records).unwrap_err();
+            assert!(
+                e.to_string().contains("line 2") && e.to_string().contains("point 1"),
+                "{e}"
+            );
+        }
+        let names = ["x", "y", "z", "cxx", "cxy", "cxz", "cyy", "cyz", "czz"];
+        assert!(collect(&names, &[&[0.0, 0.0, 0.0, 4.0, 1.0, 0.0, 1.0, 0.2, 1.0]]).is_ok());
+        for c in [
+            [1.0, 1.0, 0.0, 1.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, -1.0, 0.0, 1.0],
+            [1.0, 0.9, 0.9, 1.0, -0.9, 1.0],
+            [0.0; 6],
+            [f64::NAN, 0.0, 0.0, 1.0, 0.0, 1.0],
+        ] {
+            let record: Vec<f64> = [0.0; 3].into_iter().chain(c).collect();
+            assert!(collect(&names, &[&record]).is_err(), "{c:?}");
+        }
+    }
+
+    #[test]
+    fn a_record_without_a_finite_position_is_dropped_and_counted() {
+        let scan = collect(
+            &["x", "y", "z", "sigma"],
+            &[&[f64::NAN, 0.0, 0.0, -1.0], &[1.0, 0.0, 0.0, 1.0]],
+        );
+        let scan = scan.unwrap();
+        assert_eq!((scan.points.len(), scan.dropped_not_finite), (1, 1));
+        assert_eq!(scan.sigma.unwrap().len(), 1);
+    }
+}

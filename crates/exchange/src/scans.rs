@@ -1,0 +1,385 @@
+//! Lists of input files, read into one set of scans.
+//!
+//! Comes in: paths of scans (`ply`, `xyz`, `txt`, `asc`, `csv`, `pts`) and of lists of scans (`conf`, `toml`), mixed at
+//! will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of threads.
+//! Not guaranteed: that scans overlap, or share a frame where no pose was given.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use planish_estimate::{Error, Result};
+use planish_sense::{Pose, Scan, Sensor, SensorKind, Viewing};
+use rayon::prelude::*;
+
+use crate::Unit;
+use crate::job::read_job;
+use crate::ply::read_scan_and_unit;
+use crate::vrip::read_conf;
+use crate::xyz::read_points;
+
+/// Everything that was read for one fit.
+#[derive(Debug, Clone, Default)]
+pub struct ScanSet {
+    /// The unit of every length, where the caller or a file names it.
+    pub unit: Option<Unit>,
+    /// The sensors that the scans refer to.
+    pub sensors: Vec<Sensor>,
+    /// The scans, in the order in which they were named.
+    pub scans: Vec<PosedScan>,
+    /// Every file that was read, lists before what they list.
+    pub inputs: Vec<InputFile>,
+}
+
+/// A scan with what its list says about it.
+#[derive(Debug, Clone)]
+pub struct PosedScan {
+    /// The points; `scan.world_from_scanner` holds the pose.
+    pub scan: Scan,
+    /// Which of the set's sensors took it.
+    pub sensor: usize,
+    /// Standard deviation of each coordinate of the pose's translation; exact where not stated.
+    pub sigma_translation: Option<f64>,
+    /// Standard deviation of the pose's rotation about each axis, in degrees; exact where not stated.
+    pub sigma_rotation_deg: Option<f64>,
+}
+
+/// A file that was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InputFile {
+    /// Its path, as it was opened.
+    pub path: PathBuf,
+    /// How many points it gave; 0 for a list.
+    pub points: usize,
+    /// How many records were dropped because a coordinate was not finite.
+    pub dropped_not_finite: usize,
+}
+
+/// The sensor of scans for which none is named: a range sensor whose σ is to be estimated.
+pub(crate) fn unnamed_sensor() -> Sensor {
+    Sensor {
+        name: "scanner".to_owned(),
+        kind: SensorKind::Range,
+        noise: None,
+    }
+}
+
+/// A scan still to be read.
+struct Wanted {
+    path: PathBuf,
+    sensor: usize,
+    pose: Option<Pose>,
+    sigma_translation: Option<f64>,
+    sigma_rotation_deg: Option<f64>,
+    viewing: Option<Viewing>,
+    /// What the list and its line are called in messages.
+    listed: Option<String>,
+}
+
+/// The sensors and the unit of the files named so far.
+#[derive(Default)]
+struct Gathered {
+    sensors: Vec<Sensor>,
+    unit: Option<(Unit, String)>,
+}
+
+impl Gathered {
+    /// The index of a sensor: one that is known by name must be the same.
+    fn sensor(&mut self, sensor: Sensor, path: &Path) -> Result<usize> {
+        match self.sensors.iter().position(|s| s.name == sensor.name) {
+            Some(known) if self.sensors[known] == sensor => Ok(known),
+            Some(_) => Err(Error::input(format!(
+                "{}: the sensor \"{}\" is described differently in another job: give it another name",
+                path.display(),
+                sensor.name
+            ))),
+            None => {
+                self.sensors.push(sensor);
+                Ok(self.sensors.len() - 1)
+            }
+        }
+    }
+
+    /// Takes note of a unit: all that are named must be the same.
+    fn unit(&mut self, unit: Unit, stated_by: String) -> Result<()> {
+        match &self.unit {
+            Some((known, by)) if *known != unit => Err(Error::input(format!(
+                "{stated_by} says that lengths are in {unit}, but {by} says {known}: convert one of them"
+            ))),
+            Some(_) => Ok(()),
+            None => {
+                self.unit = Some((unit, stated_by));
+                Ok(())
+            }
+        }
+    }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_ascii_lowercase()
+}
+
+fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    match extension(path).as_str() {
+        "ply" => read_scan_and_unit(path),
+        "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
+        other => {
+            // A wrong name is the likelier mistake.
+            if !path.exists() {
+                return Err(Error::io(format!("{}: does not exist", path.display())));
+            }
+            Err(Error::unsupported(format!(
+                "{}: needed a scan (ply, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found the extension `{other}`",
+                path.display()
+            )))
+        }
+    }
+}
+
+/// Reads scans and lists of scans.
+///
+/// `unit` is what the caller knows; a file that says otherwise is an error. Scans without a named sensor share one range
+/// sensor, `scanner`, whose σ is to be estimated. Files are read in parallel, on the current rayon pool.
+///
+/// # Errors
+/// What the readers of the formats report; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a file named
+/// twice (its measurements would count twice), a scan without points, contradicting units or sensors;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. With several bad files the first is named.
+pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<ScanSet> {
+    let mut gathered = Gathered::default();
+    if let Some(unit) = unit {
+        gathered.unit(unit, "the option".to_owned())?;
+    }
+    // Lists first: they name the scans.
+    let mut wanted = Vec::new();
+    let mut lists = Vec::new();
+    for path in paths.iter().map(AsRef::as_ref) {
+        let plain = |path: PathBuf, sensor| Wanted {
+            path,
+            sensor,
+            pose: None,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+            viewing: None,
+            listed: None,
+        };
+        let at = |line| Some(format!("{} (line {line})", path.display()));
+        match extension(path).as_str() {
+            "conf" => {
+                lists.push((wanted.len(), path.to_path_buf()));
+                let listed = read_conf(path)?;
+                let sensor = gathered.sensor(unnamed_sensor(), path)?;
+                wanted.extend(listed.into_iter().map(|scan| Wanted {
+                    pose: Some(scan.world_from_scanner),
+                    listed: at(scan.line),
+                    ..plain(scan.path, sensor)
+                }));
+            }
+            "toml" => {
+                lists.push((wanted.len(), path.to_path_buf()));
+                let job = read_job(path)?;
+                if let Some(unit) = job.unit {
+                    gathered.unit(unit, path.display().to_string())?;
+                }
+                let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
+                let sensors = sensors.collect::<Result<Vec<_>>>()?;
+                wanted.extend(job.scans.into_iter().map(|scan| Wanted {
+                    pose: Some(scan.world_from_scanner),
+                    sigma_translation: scan.sigma_translation,
+                    sigma_rotation_deg: scan.sigma_rotation_deg,
+                    viewing: scan.viewing,
+                    listed: at(scan.line),
+                    ..plain(scan.path, sensors[scan.sensor])
+                }));
+            }
+            _ => {
+                let sensor = gathered.sensor(unnamed_sensor(), path)?;
+                wanted.push(plain(path.to_path_buf(), sensor));
+            }
+        }
+    }
+    if wanted.is_empty() {
+        return Err(Error::input("needed at least one scan, found none"));
+    }
+    refuse_doubles(&wanted)?;
+
+    let read: Vec<Result<(Scan, Option<Unit>)>> = wanted.par_iter().map(|w| read_one(&w.path)).collect();
+    let mut set = ScanSet::default();
+    let mut lists = lists.into_iter().peekable();
+    for (index, (wanted, read)) in wanted.into_iter().zip(read).enumerate() {
+        while let Some((_, path)) = lists.next_if(|(first, _)| *first == index) {
+            set.inputs.push(InputFile {
+                path,
+                points: 0,
+                dropped_not_finite: 0,
+            });
+        }
+        let (mut scan, unit) = read.map_err(|e| match &wanted.listed {
+            Some(list) => e.in_context(list),
+            None => e,
+        })?;
+        if let Some(unit) = unit {
+            gathered.unit(unit, wanted.path.display().to_string())?;
+        }
+        if scan.points.is_empty() {
+            return Err(Error::input(format!(
+                "{}: needed points, found none ({} records without finite coordinates were dropped)",
+                wanted.path.display(),
+                scan.dropped_not_finite
+            )));
+        }
+        scan.world_from_scanner = wanted.pose.unwrap_or(scan.world_from_scanner);
+        scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
+        set.inputs.push(InputFile {
+            path: wanted.path,
+            points: scan.points.len(),
+            dropped_not_finite: scan.dropped_not_finite,
+        });
+        set.scans.push(PosedScan {
+            scan,
+            sensor: wanted.sensor,
+            sigma_translation: wanted.sigma_translation,
+            sigma_rotation_deg: wanted.sigma_rotation_deg,
+        });
+    }
+    set.unit = gathered.unit.map(|(unit, _)| unit);
+    set.sensors = gathered.sensors;
+    Ok(set)
+}
+
+/// The same file twice would count its measurements twice.
+fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
+    let mut seen = HashMap::new();
+    for w in wanted {
+        // A missing file is the reader's to report.
+        if let Ok(real) = fs::canonicalize(&w.path)
+            && seen.insert(real, &w.path).is_some()
+        {
+            return Err(Error::input(format!(
+                "{}: named twice: its measurements would count twice",
+                w.path.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::ErrorKind;
+
+    fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        folder
+    }
+
+    const PLY: &str = "ply\nformat ascii 1.0\ncomment unit mm\nelement vertex 1\nproperty float x\nproperty float y\n\
+                       property float z\nend_header\n1 2 3\n";
+
+    #[test]
+    fn lists_and_scans_mix() {
+        let folder = folder(&[
+            ("a.ply", PLY),
+            ("b.xyz", "1 2 3\nnan 0 0\n"),
+            ("c.csv", "x,y,z\n4,5,6\n"),
+            ("d.TXT", "7 8 9\n"),
+            ("l.conf", "bmesh a.ply 1 0 0 0 0 0 1\n"),
+            (
+                "j.toml",
+                "unit = \"mm\"\n[sensor.p]\nkind = \"touch\"\n[[scan]]\nfile = \"c.csv\"\ndirection = [0, 0, 1]\n\
+                 pose = { sigma_translation = 0.5 }\n",
+            ),
+        ]);
+        let paths: Vec<_> = ["b.xyz", "l.conf", "j.toml", "d.TXT"]
+            .iter()
+            .map(|n| folder.path().join(n))
+            .collect();
+        let set = read_inputs(&paths, None).unwrap();
+        assert_eq!(set.unit, Some(Unit::Millimetre));
+        let names: Vec<_> = set.sensors.iter().map(|s| s.name.as_str()).collect();
+        assert_eq!(names, ["scanner", "p"]);
+        let scans: Vec<_> = set.scans.iter().map(|s| (s.scan.name.as_str(), s.sensor)).collect();
+        assert_eq!(scans, [("b.xyz", 0), ("a.ply", 0), ("c.csv", 1), ("d.TXT", 0)]);
+        assert_eq!(set.scans[1].scan.world_from_scanner.translation, [1.0, 0.0, 0.0]);
+        assert_eq!(set.scans[2].scan.viewing, Viewing::Direction([0.0, 0.0, 1.0]));
+        assert_eq!(set.scans[2].sigma_translation, Some(0.5));
+        let inputs: Vec<_> = set
+            .inputs
+            .iter()
+            .map(|i| {
+                (
+                    i.path.file_name().unwrap().to_str().unwrap(),
+                    i.points,
+                    i.dropped_not_finite,
+                )
+            })
+            .collect();
+        assert_eq!(
+            inputs,
+            [
+                ("b.xyz", 1, 1),
+                ("l.conf", 0, 0),
+                ("a.ply", 1, 0),
+                ("j.toml", 0, 0),
+                ("c.csv", 1, 0),
+                ("d.TXT", 1, 0)
+            ]
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused() {
+        let folder = folder(&[
+            ("a.ply", PLY),
+            ("b.xyz", "nan 0 0\n"),
+            ("c.stl", "solid\n"),
+            ("d.csv", "x,y,z,sigma\n0,0,0,-1\n"),
+            ("l.conf", "bmesh d.csv 0 0 0 0 0 0 1\n"),
+        ]);
+        let read = |names: &[&str], unit| {
+            let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
+            read_inputs(&paths, unit).unwrap_err()
+        };
+        for (names, unit, kind, words) in [
+            (&[][..], None, ErrorKind::Input, "at least one scan"),
+            (&["a.ply", "a.ply"], None, ErrorKind::Input, "named twice"),
+            (
+                &["a.ply"],
+                Some(Unit::Metre),
+                ErrorKind::Input,
+                "lengths are in mm, but the option says m",
+            ),
+            (
+                &["b.xyz"],
+                None,
+                ErrorKind::Input,
+                "1 records without finite coordinates",
+            ),
+            (&["c.stl"], None, ErrorKind::Unsupported, "found the extension `stl`"),
+            (&["gone.stl"], None, ErrorKind::Io, "does not exist"),
+            (&["gone.ply", "c.stl"], None, ErrorKind::Io, "gone.ply: does not exist"),
+            (
+                &["l.conf"],
+                None,
+                ErrorKind::Input,
+                "d.csv: line 2: needed sigma > 0, found -1 (point 0)",
+            ),
+            (&["l.conf"], None, ErrorKind::Input, "l.conf (line 1)"),
+        ] {
+            let e = read(names, unit);
+            assert_eq!(e.kind(), kind, "{e}");
+            assert!(e.to_string().contains(words), "{e}");
+        }
+        let e = read_inputs(&[folder.path().join("")], None).unwrap_err();
+        assert!(e.kind() != ErrorKind::Undetermined, "{e}");
+        fs::create_dir(folder.path().join("x.ply")).unwrap();
+        assert!(read(&["x.ply"], None).to_string().contains("is a folder"));
+    }
+}

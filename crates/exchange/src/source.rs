@@ -1,0 +1,290 @@
+//! Bytes of a file through a buffer of fixed size: lines, records, places for messages.
+//!
+//! Comes in: any reader. Goes out: lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the
+//! file's size: the buffer grows only to hold one line or record, and only up to [`LONGEST_LINE`] or what the file holds.
+
+use std::fs::{self, File};
+use std::io::{ErrorKind as IoKind, Read};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+
+/// Size of the buffer to begin with.
+const BUFFER: usize = 1 << 16;
+/// A longer line is taken for a file that is no text.
+const LONGEST_LINE: usize = 1 << 22;
+
+/// A buffered reader that knows where it is.
+pub(crate) struct Source<R> {
+    reader: R,
+    buffer: Vec<u8>,
+    start: usize,
+    end: usize,
+    /// Bytes of the file before `start`.
+    offset: u64,
+    length: Option<u64>,
+    /// Lines handed out.
+    lines: u64,
+}
+
+/// Opens a file; folders, missing and empty files have their own messages. The length is known for plain files.
+pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
+    let failed = |e: std::io::Error| match e.kind() {
+        IoKind::NotFound => Error::io("does not exist"),
+        _ => Error::io("could not be opened").with_source(e),
+    };
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if metadata.is_dir() {
+        return Err(Error::io("is a folder, needed a file"));
+    }
+    let length = metadata.is_file().then_some(metadata.len());
+    if length == Some(0) {
+        return Err(Error::input("the file is empty"));
+    }
+    Ok((File::open(path).map_err(failed)?, length))
+}
+
+/// Opens a file as a source.
+pub(crate) fn open(path: &Path) -> Result<Source<File>> {
+    let (file, length) = open_file(path)?;
+    Ok(Source::new(file, length))
+}
+
+/// Reads a small text file whole (a list or a job, not a cloud).
+pub(crate) fn read_text(path: &Path) -> Result<String> {
+    /// No list of scans that a person or script wrote comes near.
+    const LONGEST_TEXT: u64 = 64 << 20;
+    let (file, _) = open_file(path)?;
+    let mut bytes = Vec::new();
+    let read = file.take(LONGEST_TEXT + 1).read_to_end(&mut bytes);
+    read.map_err(|e| Error::io("could not be read").with_source(e))?;
+    if bytes.len() as u64 > LONGEST_TEXT {
+        return Err(Error::input("longer than 64 MiB: this is no list of scans"));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let line = 1 + e.as_bytes()[..at].iter().filter(|&&b| b == b'\n').count();
+        Error::input(format!("line {line}: is not text in UTF-8 (byte {at})"))
+    })
+}
+
+impl<R: Read> Source<R> {
+    /// A source over a reader, with the number of bytes that it will give where that is known.
+    pub(crate) fn new(reader: R, length: Option<u64>) -> Self {
+        Self {
+            reader,
+            buffer: vec![0; BUFFER],
+            start: 0,
+            end: 0,
+            offset: 0,
+            length,
+            lines: 0,
+        }
+    }
+
+    /// How many bytes were handed out.
+    pub(crate) fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// The number, from 1, of the line handed out last.
+    pub(crate) fn line_number(&self) -> u64 {
+        self.lines
+    }
+
+    /// How many bytes are left, where the file's length is known.
+    pub(crate) fn remaining(&self) -> Option<u64> {
+        self.length.map(|length| length.saturating_sub(self.offset))
+    }
+
+    /// A safe number of entries to reserve for a promised count of records of at least `least` bytes each.
+    pub(crate) fn reserve(&self, promised: u64, least: u64) -> usize {
+        let holds = self.remaining().map_or(BUFFER as u64, |bytes| bytes / least.max(1) + 1);
+        usize::try_from(promised.min(holds)).unwrap_or(0)
+    }
+
+    /// Reads more behind what is buffered; false at the end of the file.
+    fn fill(&mut self) -> Result<bool> {
+        if self.start > 0 {
+            self.buffer.copy_within(self.start..self.end, 0);
+            self.end -= self.start;
+            self.start = 0;
+        }
+        if self.end == self.buffer.len() {
+            self.buffer.resize(2 * self.buffer.len(), 0);
+        }
+        loop {
+            match self.reader.read(&mut self.buffer[self.end..]) {
+                Ok(0) => return Ok(false),
+                Ok(n) => {
+                    self.end += n;
+                    return Ok(true);
+                }
+                Err(e) if e.kind() == IoKind::Interrupted => {}
+                Err(e) => {
+                    let at = self.offset + (self.end - self.start) as u64;
+                    return Err(Error::io(format!("could not be read at byte {at}")).with_source(e));
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, n: usize) -> &[u8] {
+        self.start += n;
+        self.offset += n as u64;
+        &self.buffer[self.start - n..self.start]
+    }
+
+    /// The next line without its end, `None` after the last. A last line needs no end.
+    pub(crate) fn line(&mut self) -> Result<Option<&[u8]>> {
+        let mut searched = 0;
+        let length = loop {
+            let unseen = &self.buffer[self.start + searched..self.end];
+            if let Some(at) = unseen.iter().position(|&b| b == b'\n') {
+                break searched + at + 1;
+            }
+            searched = self.end - self.start;
+            if searched > LONGEST_LINE {
+                let line = self.lines + 1;
+                return Err(Error::input(format!(
+                    "line {line}: longer than {LONGEST_LINE} bytes: is this a text file?"
+                )));
+            }
+            if !self.fill()? {
+                if searched == 0 {
+                    return Ok(None);
+                }
+                break searched;
+            }
+        };
+        self.lines += 1;
+        let line = self.take(length);
+        let line = line.strip_suffix(b"\n").unwrap_or(line);
+        Ok(Some(line.strip_suffix(b"\r").unwrap_or(line)))
+    }
+
+    /// The next `n` bytes, `None` where fewer are left.
+    pub(crate) fn bytes(&mut self, n: usize) -> Result<Option<&[u8]>> {
+        if self.remaining().is_some_and(|left| left < n as u64) {
+            return Ok(None);
+        }
+        while self.end - self.start < n {
+            if !self.fill()? {
+                return Ok(None);
+            }
+        }
+        Ok(Some(self.take(n)))
+    }
+
+    /// Passes over `n` bytes; false where fewer are left.
+    pub(crate) fn skip(&mut self, n: u64) -> Result<bool> {
+        let mut left = n;
+        loop {
+            let buffered = self.end - self.start;
+            let step = usize::try_from(left).unwrap_or(usize::MAX).min(buffered);
+            self.take(step);
+            left -= step as u64;
+            if left == 0 {
+                return Ok(true);
+            }
+            if !self.fill()? {
+                return Ok(false);
+            }
+        }
+    }
+}
+
+/// A number as text files write it, to the last bit; `None` where it is none.
+///
+/// Besides what Rust reads (`1`, `-1.5e-3`, `.5`, `nan`, `inf`) the printed forms of Microsoft's older run-time library
+/// (`1.#QNAN`, `-nan(ind)`, `1.#INF`) are taken as not finite.
+#[inline]
+pub(crate) fn parse_number(text: &[u8]) -> Option<f64> {
+    // Counts and indices: short runs of digits are exact without the general machinery.
+    if text.len() <= 15 && !text.is_empty() && text.iter().all(u8::is_ascii_digit) {
+        return Some(text.iter().fold(0_u64, |n, &d| 10 * n + u64::from(d - b'0')) as f64);
+    }
+    let text = std::str::from_utf8(text).ok()?;
+    text.parse().ok().or_else(|| {
+        let unsigned = text.strip_prefix(['-', '+']).unwrap_or(text).to_ascii_lowercase();
+        let not_finite = unsigned.starts_with("nan(") || unsigned.starts_with("1.#");
+        not_finite.then_some(f64::NAN)
+    })
+}
+
+/// The next run of bytes between blanks.
+#[inline]
+pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let start = line.iter().position(|b| !b.is_ascii_whitespace())?;
+    let rest = &line[start..];
+    let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+    *line = &rest[end..];
+    Some(&rest[..end])
+}
+
+/// Bytes for a message: as text, cut short.
+pub(crate) fn shown(bytes: &[u8]) -> String {
+    const LONGEST: usize = 40;
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
+    let clean: String = text
+        .chars()
+        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
+        .take(LONGEST)
+        .collect();
+    let cut = if clean.len() < bytes.len() { "…" } else { "" };
+    format!("`{clean}{cut}`")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_in_lf_crlf_or_the_file() {
+        let mut source = Source::new(&b"a\r\n\nb c"[..], Some(7));
+        assert_eq!(source.line().unwrap(), Some(&b"a"[..]));
+        assert_eq!(source.line().unwrap(), Some(&b""[..]));
+        assert_eq!(source.line().unwrap(), Some(&b"b c"[..]));
+        assert_eq!(source.line().unwrap(), None);
+        assert_eq!(
+            (source.line_number(), source.offset(), source.remaining()),
+            (3, 7, Some(0))
+        );
+    }
+
+    #[test]
+    fn lines_cross_the_buffers_end() {
+        let mut text = vec![b'x'; BUFFER - 1];
+        text.extend_from_slice(b"yz\nlast\n");
+        let mut source = Source::new(&text[..], None);
+        assert_eq!(source.line().unwrap().unwrap().len(), BUFFER + 1);
+        assert_eq!(source.line().unwrap(), Some(&b"last"[..]));
+    }
+
+    #[test]
+    fn an_endless_line_is_refused_before_it_fills_the_memory() {
+        let mut source = Source::new(std::io::repeat(b'x'), None);
+        assert!(source.line().unwrap_err().to_string().contains("line 1: longer than"));
+    }
+
+    #[test]
+    fn numbers_are_exact_to_the_last_bit() {
+        for text in [
+            "0.0359793",
+            "-1e-300",
+            "7",
+            "123456789012345",
+            "9007199254740993",
+            ".5",
+            "+2.",
+        ] {
+            assert_eq!(parse_number(text.as_bytes()), Some(text.parse().unwrap()), "{text}");
+        }
+        for text in ["nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "inf"] {
+            assert!(!parse_number(text.as_bytes()).unwrap().is_finite(), "{text}");
+        }
+        for text in ["", "x", "1,5", "1_0", "0x10", "--1", "\u{fffd}"] {
+            assert_eq!(parse_number(text.as_bytes()), None, "{text}");
+        }
+    }
+}

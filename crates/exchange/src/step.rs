@@ -1,0 +1,270 @@
+//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out.
+//!
+//! Comes in: a [`Brep`]. Goes out: `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
+//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid where the shell is closed, else a surface model.
+//! The surface is exact: every number is the shortest text that reads back as the same `f64`. Streamed; the same input
+//! gives the same bytes (no clock time, host or user in the header).
+//!
+//! A side of a face whose control points coincide (the pole of a ball) is left out of the face's loop: the loop's edges
+//! meet in the pole's vertex, and readers add the degenerate edge themselves.
+//!
+//! Not guaranteed: that an edge's curve lies on its faces, or that faces do not cross. Parameter curves are not written:
+//! readers project the edges.
+//!
+//! # References
+//! ISO 10303-21:2016 (encoding), ISO 10303-42 (geometry and topology), ISO 10303-214 and 10303-242 (schemas).
+
+mod brep;
+mod part21;
+#[cfg(test)]
+mod tests;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+
+pub use brep::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
+use part21::{Id, Part21, integers, reals, text};
+
+use crate::Unit;
+use crate::atomic::write_atomically;
+
+/// The application protocol that a file follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Schema {
+    /// AP214, automotive design: read by every CAD program.
+    #[default]
+    Ap214,
+    /// AP242, managed model-based 3D engineering.
+    Ap242,
+}
+
+/// What goes into the file beside the shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepOptions {
+    /// The product's name, shown by viewers.
+    pub name: String,
+    /// The unit of every length.
+    pub unit: Unit,
+    /// How far vertices, edges and faces may lie apart and still meet, in the unit; positive.
+    pub uncertainty: f64,
+    /// The application protocol.
+    pub schema: Schema,
+}
+
+impl Default for StepOptions {
+    fn default() -> Self {
+        Self {
+            name: "part".to_owned(),
+            unit: Unit::Millimetre,
+            uncertainty: 1e-6,
+            schema: Schema::default(),
+        }
+    }
+}
+
+/// Writes a boundary representation.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) where [`Brep::check`] finds the representation wrong;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()> {
+    if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
+        let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
+        return Err(Error::input(message));
+    }
+    brep.check(options.uncertainty)
+        .map_err(|e| e.in_context(path.display()))?;
+    write_atomically(path, |writer| write_to(writer, brep, options))
+}
+
+fn write_to(writer: &mut impl Write, brep: &Brep, options: &StepOptions) -> io::Result<()> {
+    let (schema, protocol, year, context) = match options.schema {
+        Schema::Ap214 => (
+            "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }",
+            "automotive_design",
+            2000,
+            "core data for automotive mechanical design processes",
+        ),
+        Schema::Ap242 => (
+            "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF { 1 0 10303 442 1 1 4 }",
+            "ap242_managed_model_based_3d_engineering",
+            2014,
+            "managed model based 3d engineering",
+        ),
+    };
+    let name = text(&options.name);
+    writeln!(writer, "ISO-10303-21;\nHEADER;")?;
+    writeln!(writer, "FILE_DESCRIPTION((''),'2;1');")?;
+    writeln!(
+        writer,
+        "FILE_NAME({name},'1970-01-01T00:00:00',(''),(''),'Planish','Planish','');"
+    )?;
+    writeln!(writer, "FILE_SCHEMA(('{schema}'));\nENDSEC;\nDATA;")?;
+    let mut out = Part21::new(writer);
+
+    let application = out.add(format_args!("APPLICATION_CONTEXT('{context}')"))?;
+    out.add(format_args!(
+        "APPLICATION_PROTOCOL_DEFINITION('international standard','{protocol}',{year},{application})"
+    ))?;
+    let product_context = out.add(format_args!("PRODUCT_CONTEXT('',{application},'mechanical')"))?;
+    let product = out.add(format_args!("PRODUCT({name},{name},'',({product_context}))"))?;
+    out.add(format_args!("PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,({product}))"))?;
+    let formation = out.add(format_args!("PRODUCT_DEFINITION_FORMATION('','',{product})"))?;
+    let definition_context = out.add(format_args!(
+        "PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')"
+    ))?;
+    let definition = out.add(format_args!(
+        "PRODUCT_DEFINITION('design','',{formation},{definition_context})"
+    ))?;
+    let shape = out.add(format_args!("PRODUCT_DEFINITION_SHAPE('','',{definition})"))?;
+
+    let geometry_context = write_context(&mut out, options)?;
+    let placement = write_placement(&mut out)?;
+    let shell = write_shell(&mut out, brep)?;
+    let representation = if brep.closed {
+        let solid = out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})"))?;
+        out.add(format_args!(
+            "ADVANCED_BREP_SHAPE_REPRESENTATION({name},({placement},{solid}),{geometry_context})"
+        ))?
+    } else {
+        let model = out.add(format_args!("SHELL_BASED_SURFACE_MODEL({name},({shell}))"))?;
+        out.add(format_args!(
+            "MANIFOLD_SURFACE_SHAPE_REPRESENTATION({name},({placement},{model}),{geometry_context})"
+        ))?
+    };
+    out.add(format_args!(
+        "SHAPE_DEFINITION_REPRESENTATION({shape},{representation})"
+    ))?;
+    writeln!(writer, "ENDSEC;\nEND-ISO-10303-21;")
+}
+
+/// Units and uncertainty.
+fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Result<Id> {
+    let length = match options.unit {
+        Unit::Millimetre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?,
+        Unit::Metre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))"))?,
+        Unit::Inch => {
+            let millimetre = out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?;
+            let inch = out.add(format_args!(
+                "LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),{millimetre})"
+            ))?;
+            let dimensions = out.add(format_args!("DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.)"))?;
+            out.add(format_args!(
+                "(CONVERSION_BASED_UNIT('INCH',{inch})LENGTH_UNIT()NAMED_UNIT({dimensions}))"
+            ))?
+        }
+    };
+    let angle = out.add(format_args!("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))"))?;
+    let solid_angle = out.add(format_args!("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())"))?;
+    let uncertainty = out.add(format_args!(
+        "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({}),{length},'distance_accuracy_value','')",
+        reals(&[options.uncertainty])
+    ))?;
+    out.add(format_args!(
+        "(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT(({uncertainty}))\
+         GLOBAL_UNIT_ASSIGNED_CONTEXT(({length},{angle},{solid_angle}))REPRESENTATION_CONTEXT('',''))"
+    ))
+}
+
+/// The frame of the part: the world's.
+fn write_placement<W: Write>(out: &mut Part21<W>) -> io::Result<Id> {
+    let origin = write_point(out, [0.0; 3])?;
+    let z = out.add(format_args!("DIRECTION('',(0.,0.,1.))"))?;
+    let x = out.add(format_args!("DIRECTION('',(1.,0.,0.))"))?;
+    out.add(format_args!("AXIS2_PLACEMENT_3D('',{origin},{z},{x})"))
+}
+
+fn write_point<W: Write>(out: &mut Part21<W>, point: [f64; 3]) -> io::Result<Id> {
+    out.add(format_args!("CARTESIAN_POINT('',({}))", reals(&point)))
+}
+
+/// Control points, as consecutive instances; gives the first.
+fn write_poles<W: Write>(out: &mut Part21<W>, poles: &[[f64; 3]]) -> io::Result<Id> {
+    let first = out.next_id();
+    for pole in poles {
+        write_point(out, *pole)?;
+    }
+    Ok(first)
+}
+
+fn multiplicities(knots: &[(f64, usize)]) -> Vec<usize> {
+    knots.iter().map(|k| k.1).collect()
+}
+
+fn values(knots: &[(f64, usize)]) -> Vec<f64> {
+    knots.iter().map(|k| k.0).collect()
+}
+
+fn write_curve<W: Write>(out: &mut Part21<W>, curve: &BsplineCurve) -> io::Result<Id> {
+    let first = write_poles(out, &curve.poles)?;
+    out.add(format_args!(
+        "B_SPLINE_CURVE_WITH_KNOTS('',{},({}),.UNSPECIFIED.,.F.,.F.,({}),({}),.UNSPECIFIED.)",
+        curve.degree,
+        first.run(curve.poles.len()),
+        integers(&multiplicities(&curve.knots)),
+        reals(&values(&curve.knots))
+    ))
+}
+
+fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io::Result<Id> {
+    let first = write_poles(out, &surface.poles)?;
+    let id = out.begin()?;
+    let to = out.writer();
+    write!(
+        to,
+        "B_SPLINE_SURFACE_WITH_KNOTS('',{},{},(",
+        surface.degree_u, surface.degree_v
+    )?;
+    for row in 0..surface.n_u {
+        // A line a row: whole nets would make lines that editors choke on.
+        let comma = if row > 0 { ",\n" } else { "" };
+        write!(to, "{comma}({})", first.after(row * surface.n_v).run(surface.n_v))?;
+    }
+    write!(
+        to,
+        "),.UNSPECIFIED.,.F.,.F.,.F.,({}),({}),({}),({}),.UNSPECIFIED.)",
+        integers(&multiplicities(&surface.knots_u)),
+        integers(&multiplicities(&surface.knots_v)),
+        reals(&values(&surface.knots_u)),
+        reals(&values(&surface.knots_v))
+    )?;
+    out.end()?;
+    Ok(id)
+}
+
+fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
+    let mut vertices = Vec::with_capacity(brep.vertices.len());
+    for vertex in &brep.vertices {
+        let point = write_point(out, *vertex)?;
+        vertices.push(out.add(format_args!("VERTEX_POINT('',{point})"))?);
+    }
+    let mut edges = Vec::with_capacity(brep.edges.len());
+    for edge in &brep.edges {
+        let curve = write_curve(out, &edge.curve)?;
+        let (start, end) = (vertices[edge.start], vertices[edge.end]);
+        edges.push(out.add(format_args!("EDGE_CURVE('',{start},{end},{curve},.T.)"))?);
+    }
+    let mut faces = Vec::with_capacity(brep.faces.len());
+    for face in &brep.faces {
+        let surface = write_surface(out, &face.surface)?;
+        let mut oriented = Vec::with_capacity(face.edges.len());
+        for &(edge, forward) in &face.edges {
+            let sense = if forward { "T" } else { "F" };
+            oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{},.{sense}.)", edges[edge]))?);
+        }
+        let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
+        let bound = out.add(format_args!("FACE_OUTER_BOUND('',{ring},.T.)"))?;
+        let sense = if face.same_sense { "T" } else { "F" };
+        faces.push(out.add(format_args!("ADVANCED_FACE('',({bound}),{surface},.{sense}.)"))?);
+    }
+    out.add_list(
+        if brep.closed {
+            "CLOSED_SHELL('',"
+        } else {
+            "OPEN_SHELL('',"
+        },
+        &faces,
+    )
+}

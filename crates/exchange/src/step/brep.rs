@@ -1,0 +1,217 @@
+//! Boundary representations made of B-spline faces: plain data, and what must hold of it.
+//!
+//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: [`Brep::check`]'s word on whether they
+//! fit together. Not guaranteed: that curves lie on the surfaces.
+
+use std::fmt::Display;
+
+use planish_estimate::{Error, Result};
+
+/// A B-spline curve that is not rational.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BsplineCurve {
+    /// Polynomial degree, at least 1.
+    pub degree: usize,
+    /// Knots in ascending order, each with its multiplicity; the multiplicities sum to `poles.len() + degree + 1`.
+    pub knots: Vec<(f64, usize)>,
+    /// Control points.
+    pub poles: Vec<[f64; 3]>,
+}
+
+/// A tensor-product B-spline surface that is not rational.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BsplineSurface {
+    /// Polynomial degree along u, at least 1.
+    pub degree_u: usize,
+    /// Polynomial degree along v, at least 1.
+    pub degree_v: usize,
+    /// Knots along u with their multiplicities, which sum to `n_u + degree_u + 1`.
+    pub knots_u: Vec<(f64, usize)>,
+    /// Knots along v with their multiplicities, which sum to `n_v + degree_v + 1`.
+    pub knots_v: Vec<(f64, usize)>,
+    /// Number of control points along u.
+    pub n_u: usize,
+    /// Number of control points along v.
+    pub n_v: usize,
+    /// Control points, v fastest: the one at (i, j) is `poles[i * n_v + j]`.
+    pub poles: Vec<[f64; 3]>,
+}
+
+/// An edge: a curve from one vertex to another (or back to the same).
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrepEdge {
+    /// Its curve, from the start to the end.
+    pub curve: BsplineCurve,
+    /// Index of the vertex where the curve starts.
+    pub start: usize,
+    /// Index of the vertex where it ends.
+    pub end: usize,
+}
+
+/// A face: a surface within one loop of edges.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrepFace {
+    /// Its surface.
+    pub surface: BsplineSurface,
+    /// The loop: edges by index, and whether each runs forward; counter-clockwise seen from the face's outer side. Sides
+    /// that collapse to a point are left out.
+    pub edges: Vec<(usize, bool)>,
+    /// Whether the face's outer side is the one that `S_u × S_v` points to.
+    pub same_sense: bool,
+}
+
+/// A shell of B-spline faces.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Brep {
+    /// Vertices.
+    pub vertices: Vec<[f64; 3]>,
+    /// Edges between them.
+    pub edges: Vec<BrepEdge>,
+    /// Faces between the edges.
+    pub faces: Vec<BrepFace>,
+    /// Whether the faces enclose a solid.
+    pub closed: bool,
+}
+
+fn finite(points: &[[f64; 3]]) -> Result<()> {
+    match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        Some(at) => Err(Error::input(format!(
+            "needed finite coordinates, found {:?} at point {at}",
+            points[at]
+        ))),
+        None => Ok(()),
+    }
+}
+
+fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()> {
+    let ascending = knots.windows(2).all(|k| k[0].0 < k[1].0) && knots.iter().all(|k| k.0.is_finite());
+    let clamped_at_most = knots.iter().all(|k| (1..=degree + 1).contains(&k.1));
+    let sum: usize = knots.iter().map(|k| k.1).sum();
+    if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
+        return Err(Error::input(format!(
+            "needed ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found degree {degree}, \
+             {poles} poles, {} knots with multiplicities that sum to {sum}",
+            knots.len()
+        )));
+    }
+    Ok(())
+}
+
+/// Whether the ends of the knots make a curve start and end at its first and last pole.
+fn is_clamped(degree: usize, knots: &[(f64, usize)]) -> bool {
+    let full = |k: Option<&(f64, usize)>| k.is_some_and(|k| k.1 == degree + 1);
+    full(knots.first()) && full(knots.last())
+}
+
+impl BsplineCurve {
+    fn check(&self) -> Result<()> {
+        check_knots(self.degree, &self.knots, self.poles.len())?;
+        finite(&self.poles)
+    }
+}
+
+impl BsplineSurface {
+    fn check(&self) -> Result<()> {
+        check_knots(self.degree_u, &self.knots_u, self.n_u).map_err(|e| e.in_context("along u"))?;
+        check_knots(self.degree_v, &self.knots_v, self.n_v).map_err(|e| e.in_context("along v"))?;
+        if self.n_u.checked_mul(self.n_v) != Some(self.poles.len()) {
+            return Err(Error::input(format!(
+                "needed {} x {} poles, found {}",
+                self.n_u,
+                self.n_v,
+                self.poles.len()
+            )));
+        }
+        finite(&self.poles)
+    }
+}
+
+impl Brep {
+    /// Checks that everything fits together.
+    ///
+    /// Indices exist; knots fit their poles; numbers are finite; clamped curves end at their vertices within `uncertainty`;
+    /// every loop is connected; no edge is used more than twice or twice in the same direction, and in a closed shell
+    /// every edge is used twice.
+    ///
+    /// # Errors
+    /// [`Input`](planish_estimate::ErrorKind::Input), naming the first face or edge that does not fit.
+    pub fn check(&self, uncertainty: f64) -> Result<()> {
+        fn named<T>(result: Result<T>, what: &str, index: impl Display) -> Result<T> {
+            result.map_err(|e| e.in_context(format_args!("{what} {index}")))
+        }
+        if self.faces.is_empty() {
+            return Err(Error::input("needed at least one face, found none"));
+        }
+        named(finite(&self.vertices), "vertices", "")?;
+        for (index, edge) in self.edges.iter().enumerate() {
+            named(edge.curve.check(), "edge", index)?;
+            let ends = [
+                (edge.start, edge.curve.poles.first()),
+                (edge.end, edge.curve.poles.last()),
+            ];
+            for (vertex, pole) in ends {
+                let Some(vertex_at) = self.vertices.get(vertex) else {
+                    return named(Err(Error::input(format!("there is no vertex {vertex}"))), "edge", index);
+                };
+                let apart = pole.map_or(0.0, |p| {
+                    p.iter()
+                        .zip(vertex_at)
+                        .map(|(a, b)| (a - b) * (a - b))
+                        .sum::<f64>()
+                        .sqrt()
+                });
+                if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {
+                    let message = format!("its curve ends {apart} away from vertex {vertex}");
+                    return named(Err(Error::input(message)), "edge", index);
+                }
+            }
+        }
+        let mut used = vec![[false; 2]; self.edges.len()];
+        for (index, face) in self.faces.iter().enumerate() {
+            named(face.surface.check(), "face", index)?;
+            named(self.check_loop(face, &mut used), "face", index)?;
+        }
+        match used.iter().position(|directions| *directions != [true, true]) {
+            Some(edge) if self.closed => Err(Error::input(format!(
+                "edge {edge}: needed one use in each direction in a closed shell, found {}",
+                used[edge].iter().filter(|u| **u).count()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_loop(&self, face: &BrepFace, used: &mut [[bool; 2]]) -> Result<()> {
+        let ends = |&(edge, forward): &(usize, bool)| {
+            let found = self
+                .edges
+                .get(edge)
+                .ok_or_else(|| Error::input(format!("there is no edge {edge}")))?;
+            Ok(if forward {
+                (found.start, found.end)
+            } else {
+                (found.end, found.start)
+            })
+        };
+        let Some(last) = face.edges.last() else {
+            return Err(Error::input("needed a loop of edges, found none"));
+        };
+        let mut at = ends(last)?.1;
+        for oriented in &face.edges {
+            let (start, end) = ends(oriented)?;
+            let (edge, forward) = *oriented;
+            if start != at {
+                return Err(Error::input(format!(
+                    "the loop arrives at vertex {at}, but edge {edge} sets out from vertex {start}"
+                )));
+            }
+            at = end;
+            // A face whose sense is reversed runs its loop as seen from its own outer side: nothing to turn here.
+            if std::mem::replace(&mut used[edge][usize::from(forward)], true) {
+                return Err(Error::input(format!(
+                    "edge {edge} is used twice in the same direction: neighbours must agree on the outer side"
+                )));
+            }
+        }
+        Ok(())
+    }
+}

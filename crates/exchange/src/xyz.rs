@@ -1,0 +1,311 @@
+//! Plain text points: XYZ, TXT, ASC, CSV, PTS.
+//!
+//! Comes in: one point a line; the numbers are apart by commas, by semicolons, or by blanks and tabs, as the first line
+//! shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the identity pose.
+//!
+//! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`,
+//! `sigma_n_deg`; other names are passed over. A comment directly before the first point that names `x`, `y` and `z`
+//! counts as a header. Without a header the first three columns are x y z; of exactly six, the last three are normals if
+//! every one of them has length 1 within 1 %. Further columns are not looked at. A first line of one whole number is the
+//! count of a PTS file and is passed over.
+//!
+//! Not guaranteed: a column without a header is never taken for a σ; decimal commas are refused, not guessed.
+
+use std::io::Read;
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+use crate::points::{PointCollector, PointColumns};
+use crate::source::{Source, next_word, open, parse_number, shown};
+
+/// A column of six is a normal's when every length is as near to 1.
+const UNIT_LENGTH_WITHIN: f64 = 0.01;
+
+/// Reads points. Records with a coordinate that is not finite (or an empty field) are dropped and counted.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// for a word that is no number, a line that is too short, or a σ or covariance that is not positive: with file and line.
+pub fn read_points(path: &Path) -> Result<Scan> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|mut source| points_from(&mut source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// What stands between two numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Separator {
+    Blank,
+    Byte(u8),
+}
+
+impl Separator {
+    fn of(line: &[u8]) -> Self {
+        let found = [b';', b','].into_iter().find(|byte| line.contains(byte));
+        found.map_or(Self::Blank, Self::Byte)
+    }
+
+    /// The next field, without blanks around it.
+    fn next_field<'a>(self, rest: &mut Option<&'a [u8]>) -> Option<&'a [u8]> {
+        let line = rest.as_mut()?;
+        match self {
+            Self::Blank => next_word(line),
+            Self::Byte(byte) => {
+                let end = line.iter().position(|&b| b == byte);
+                let field = &line[..end.unwrap_or(line.len())];
+                *rest = end.map(|end| &line[end + 1..]);
+                Some(field.trim_ascii())
+            }
+        }
+    }
+
+    fn fields(self, line: &[u8]) -> Vec<&[u8]> {
+        let mut rest = Some(line);
+        std::iter::from_fn(|| self.next_field(&mut rest)).collect()
+    }
+}
+
+/// A line without the mark of a comment, where it has one.
+fn comment(line: &[u8]) -> Option<&[u8]> {
+    let line = line.trim_ascii_start();
+    line.strip_prefix(b"#").or_else(|| line.strip_prefix(b"//"))
+}
+
+/// The fields of a line as column names, where it names x, y and z.
+fn names(line: &[u8]) -> Option<Vec<String>> {
+    let fields = Separator::of(line).fields(line);
+    let names: Vec<String> = fields
+        .iter()
+        .map(|field| String::from_utf8_lossy(field).trim_matches('"').to_ascii_lowercase())
+        .collect();
+    ["x", "y", "z"]
+        .iter()
+        .all(|axis| names.iter().any(|n| n == axis))
+        .then_some(names)
+}
+
+/// How the records of a file are laid out.
+struct Layout {
+    separator: Separator,
+    collector: PointCollector,
+    /// Fields that a record needs.
+    width: usize,
+    /// Whether columns four to six are normals only if all of them have unit length.
+    tentative_normals: bool,
+}
+
+impl Layout {
+    fn new(columns: PointColumns, separator: Separator, tentative_normals: bool) -> Self {
+        Self {
+            separator,
+            width: columns.width(),
+            collector: PointCollector::new(columns, 0),
+            tentative_normals,
+        }
+    }
+
+    fn named(names: &[String], separator: Separator) -> Result<Self> {
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if let Some(twice) = (1..names.len()).find(|&k| !names[k].is_empty() && names[..k].contains(&names[k])) {
+            return Err(Error::input(format!("the column `{}` is named twice", names[twice])));
+        }
+        Ok(Self::new(PointColumns::find(&names)?, separator, false))
+    }
+}
+
+fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
+    let mut layout: Option<Layout> = None;
+    let mut names_in_comment = None;
+    let mut count_line = None;
+    let mut record = Vec::new();
+    loop {
+        let number = source.line_number() + 1;
+        let Some(mut line) = source.line()? else { break };
+        if number == 1 {
+            // The mark that some editors put before UTF-8.
+            line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
+        }
+        if line.iter().all(u8::is_ascii_whitespace) {
+            continue;
+        }
+        if let Some(comment) = comment(line) {
+            names_in_comment = names(comment);
+            continue;
+        }
+        let at = |e: Error| e.in_context(format_args!("line {number}"));
+        let layout = match &mut layout {
+            Some(layout) => layout,
+            None => {
+                let separator = Separator::of(line);
+                let fields = separator.fields(line);
+                let first = fields.first().copied().unwrap_or_default();
+                let is_count = fields.len() == 1 && first.iter().all(u8::is_ascii_digit);
+                if is_count && count_line.is_none() {
+                    count_line = Some(number);
+                    continue;
+                }
+                if parse_number(first).is_none() && !first.is_empty() {
+                    let Some(names) = names(line) else {
+                        return Err(Error::input(format!(
+                            "line {number}: needed a point or a header with x, y and z, found {}",
+                            shown(line)
+                        )));
+                    };
+                    layout = Some(Layout::named(&names, separator).map_err(at)?);
+                    continue;
+                }
+                let named = names_in_comment
+                    .take()
+                    .filter(|names: &Vec<String>| names.len() == fields.len());
+                layout.insert(match named {
+                    Some(names) => Layout::named(&names, separator).map_err(at)?,
+                    None if fields.len() == 6 => {
+                        let columns = PointColumns::positions_and_normals();
+                        Layout::new(columns, separator, true)
+                    }
+                    None => Layout::new(PointColumns::positions_only(), separator, false),
+                })
+            }
+        };
+        record.clear();
+        let mut rest = Some(line);
+        while record.len() < layout.width {
+            let Some(field) = layout.separator.next_field(&mut rest) else {
+                if layout.tentative_normals && record.len() >= 3 {
+                    // Not six columns throughout: three are points, the rest is not looked at.
+                    record.resize(6, 0.0);
+                    break;
+                }
+                return Err(Error::input(format!(
+                    "line {number}: needed {} numbers, found {}",
+                    layout.width,
+                    record.len()
+                )));
+            };
+            record.push(match parse_number(field) {
+                Some(value) => value,
+                None if field.is_empty() => f64::NAN,
+                None if layout.tentative_normals && record.len() >= 3 => 0.0,
+                None => {
+                    return Err(Error::input(format!(
+                        "line {number}: needed a number, found {}",
+                        shown(field)
+                    )));
+                }
+            });
+        }
+        layout.collector.push(&record, format_args!("line {number}"))?;
+    }
+    let Some(layout) = layout else {
+        return Err(Error::input(format!(
+            "needed points, found none in {} lines",
+            source.line_number()
+        )));
+    };
+    let (mut scan, _) = layout.collector.finish(name);
+    let unit_length = |n: &[f64; 3]| {
+        let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+        (length - 1.0).abs() <= UNIT_LENGTH_WITHIN
+    };
+    if layout.tentative_normals && !scan.normals.iter().flatten().all(unit_length) {
+        scan.normals = None;
+    }
+    Ok(scan)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(text: &[u8]) -> Result<Scan> {
+        points_from(&mut Source::new(text, Some(text.len() as u64)), "a.xyz")
+    }
+
+    fn message(text: &str) -> String {
+        read(text.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_separator_and_line_end_gives_the_same_points() {
+        let expected = [[1.0, 2.5, -3.0], [4.0, 5.0, 6e-3]];
+        for text in [
+            "1 2.5 -3\n4 5 6e-3\n",
+            "1\t2.5\t-3\r\n4\t5\t6e-3",
+            "1,2.5,-3\n4, 5 ,6e-3\n",
+            "1;2.5;-3\n\n4; 5;6e-3\n",
+            "# made by hand\n1 2.5 -3\n// and more\n  4 5 6e-3  \n",
+            "2\n1 2.5 -3\n4 5 6e-3\n",
+            "\u{feff}x,y,z\n1,2.5,-3\n4,5,6e-3\n",
+            "1 2.5 -3 255 0\n4 5 6e-3 0 255\n",
+        ] {
+            let scan = read(text.as_bytes()).unwrap();
+            assert_eq!(scan.points, expected, "{text:?}");
+            assert!(scan.normals.is_none() && scan.sigma.is_none());
+        }
+    }
+
+    #[test]
+    fn a_header_names_columns_in_any_order() {
+        let scan = read(b"sigma,Z,Y,X,time,nx,ny,nz,sigma_n_deg\n0.1,3,2,1,99,0,0,1,2\n").unwrap();
+        assert_eq!(scan.points, [[1.0, 2.0, 3.0]]);
+        assert_eq!(scan.sigma.unwrap(), [0.1]);
+        assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]]);
+        assert_eq!(scan.sigma_normal_deg.unwrap(), [2.0]);
+        let scan = read(b"# x y z sigma\n1 2 3 0.5\n").unwrap();
+        assert_eq!(scan.sigma.unwrap(), [0.5]);
+        let scan = read(b"x y z cxx cxy cxz cyy cyz czz\n1 2 3 4 0 0 5 0 6\n").unwrap();
+        assert_eq!(scan.covariance.unwrap(), [[4.0, 0.0, 0.0, 5.0, 0.0, 6.0]]);
+    }
+
+    #[test]
+    fn six_columns_are_normals_only_when_all_have_unit_length() {
+        let scan = read(b"0 0 0 0 0 1\n1 0 0 0.6 0.8 0\n").unwrap();
+        assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]);
+        for colours in [
+            "0 0 0 0 0 1\n1 0 0 255 0 0\n",
+            "0 0 0 0 0 1\n1 0 0 a b c\n",
+            "0 0 0 0 0 1\n1 0 0\n",
+        ] {
+            let scan = read(colours.as_bytes()).unwrap();
+            assert!(scan.normals.is_none());
+            assert_eq!(scan.points.len(), 2);
+        }
+    }
+
+    #[test]
+    fn points_that_are_not_finite_are_dropped_and_counted() {
+        let scan = read(b"nan 0 0\n1 2 3\ninf 0 0\n").unwrap();
+        assert_eq!((scan.points.len(), scan.dropped_not_finite), (1, 2));
+        let scan = read(b"x,y,z\n1,2,\n1,2,3\n").unwrap();
+        assert_eq!((scan.points.len(), scan.dropped_not_finite), (1, 1));
+    }
+
+    #[test]
+    fn mistakes_are_named_by_line() {
+        assert!(message("1 2 3\n1 2\n").contains("line 2: needed 3 numbers, found 2"));
+        assert!(message("1 2 3\n\n1 two 3\n").contains("line 3: needed a number, found `two`"));
+        assert!(message("x,y,z,sigma\n1,2,3,0.1\n1,2,3,0\n").contains("line 3: needed sigma > 0, found 0"));
+        assert!(message("x,y,sigma\n").contains("line 1: needed a point or a header"));
+        assert!(message("x,y,z,cxx\n").contains("line 1: needed all of the columns cxx"));
+        assert!(message("1,5;2,5;3,5\n").contains("found `1,5;2,5;3,5`"));
+        assert!(message("# nothing\n\n").contains("found none in 2 lines"));
+        assert!(message("hello\n").contains("line 1"));
+        assert!(message("x,y,z,x\n").contains("named twice"));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let _ = read(&bytes);
+        }
+
+        #[test]
+        fn no_text_of_the_right_alphabet_makes_it_panic(text in "[xyz0-9 .,;#e\n\r\t-]{0,200}") {
+            let _ = read(text.as_bytes());
+        }
+    }
+}

@@ -1,0 +1,97 @@
+"""Judges STEP files by Open Cascade: prints one JSON object a file.
+
+    pip install cadquery-ocp-novtk
+    python tests/peers/check_step.py part.step ...
+
+Lengths are in millimetres, whatever unit the file is in. Exits with 1 where a file cannot be read or is not valid.
+"""
+
+import json
+import sys
+from collections import Counter
+
+from OCP.Bnd import Bnd_Box
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepBndLib import BRepBndLib
+from OCP.BRepCheck import BRepCheck_Analyzer
+from OCP.BRepGProp import BRepGProp
+from OCP.GProp import GProp_GProps
+from OCP.IFSelect import IFSelect_RetDone
+from OCP.STEPControl import STEPControl_Reader
+from OCP.TopAbs import (
+    TopAbs_EDGE,
+    TopAbs_FACE,
+    TopAbs_SHELL,
+    TopAbs_SOLID,
+    TopAbs_VERTEX,
+)
+from OCP.TopExp import TopExp
+from OCP.TopoDS import TopoDS
+
+try:  # Open Cascade 8
+    from OCP.collections import IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher as IndexedMap
+except ImportError:
+    from OCP.TopTools import TopTools_IndexedMapOfShape as IndexedMap
+
+
+def parts(shape, kind):
+    """The distinct parts of a kind."""
+    found = IndexedMap()
+    TopExp.MapShapes_s(shape, kind, found)
+    return [found.FindKey(i) for i in range(1, found.Extent() + 1)]
+
+
+def surface_type(face):
+    name = BRepAdaptor_Surface(TopoDS.Face_s(face)).GetType().name
+    return name.removeprefix("GeomAbs_")
+
+
+def tolerance(shape):
+    """The greatest tolerance of a vertex or edge: how far the reader had to reach."""
+    vertices = [BRep_Tool.Tolerance_s(TopoDS.Vertex_s(v)) for v in parts(shape, TopAbs_VERTEX)]
+    edges = [BRep_Tool.Tolerance_s(TopoDS.Edge_s(e)) for e in parts(shape, TopAbs_EDGE)]
+    return max(vertices + edges, default=0.0)
+
+
+def check(path):
+    reader = STEPControl_Reader()
+    if reader.ReadFile(path) != IFSelect_RetDone:
+        return {"file": path, "valid": False, "why": "cannot be read"}
+    reader.TransferRoots()
+    shape = reader.OneShape()
+    if shape.IsNull():
+        return {"file": path, "valid": False, "why": "holds no shape"}
+    solids, shells, faces = (parts(shape, kind) for kind in (TopAbs_SOLID, TopAbs_SHELL, TopAbs_FACE))
+    area, volume, box = GProp_GProps(), GProp_GProps(), Bnd_Box()
+    BRepGProp.SurfaceProperties_s(shape, area)
+    if solids:
+        BRepGProp.VolumeProperties_s(shape, volume)
+    BRepBndLib.AddOptimal_s(shape, box, False, False)
+    low, high = box.CornerMin(), box.CornerMax()
+    edges = parts(shape, TopAbs_EDGE)
+    return {
+        "file": path,
+        "valid": BRepCheck_Analyzer(shape).IsValid(),
+        "faces": len(faces),
+        "shells": len(shells),
+        "solids": len(solids),
+        "edges": len(edges),
+        "degenerate_edges": sum(BRep_Tool.Degenerated_s(TopoDS.Edge_s(e)) for e in edges),
+        "area": area.Mass(),
+        "volume": volume.Mass() if solids else None,
+        "box": [[p.X(), p.Y(), p.Z()] for p in (low, high)],
+        "tolerance": tolerance(shape),
+        "surfaces": dict(Counter(surface_type(f) for f in faces)),
+    }
+
+
+def main():
+    results = [check(path) for path in sys.argv[1:]]
+    for result in results:
+        print(json.dumps(result))
+    sys.exit(0 if results and all(result["valid"] for result in results) else 1)
+
+
+if __name__ == "__main__":
+    main()
