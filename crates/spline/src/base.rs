@@ -278,9 +278,9 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
         Shape::Ball => {
             let (lo, hi) = bounds3(points, axes);
             let centre = (0..3).fold([0.0; 3], |c, d| add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]));
-            // The longest direction carries the poles; frame right-handed.
-            let frame = [axes[1], cross(axes[0], axes[1]), axes[0]];
-            let size = [0.5 * (hi[1] - lo[1]), 0.5 * (hi[2] - lo[2]), 0.5 * (hi[0] - lo[0])];
+            // Poles lie where the shape is flattest: features (ears, handles) tend to lie along its longer directions.
+            let frame = [axes[0], axes[1], cross(axes[0], axes[1])];
+            let size = [0, 1, 2].map(|d| 0.5 * (hi[d] - lo[d]));
             let largest = size[0].max(size[1]).max(size[2]);
             Ok(BaseShape {
                 shape,

@@ -12,6 +12,7 @@ mod geometry;
 mod hierarchy;
 mod refinement;
 mod surface;
+mod system;
 
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
@@ -23,3 +24,4 @@ pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
+pub use system::SurfaceSystem;

@@ -1,0 +1,258 @@
+//! From scans to observations: world positions, covariances, normals, and first rejections.
+//!
+//! Comes in: scans with their sensors. Goes out: [`Observations`], column by column, each kept point once. What the scan
+//! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
+//! to judge it.
+
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_sense::{
+    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, nearest_neighbour_normals, orient_normals, ray_at, scan_geometry,
+};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Why a reading takes no part in the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Rejection {
+    /// A coordinate was not finite.
+    NotFinite,
+    /// Next to a jump in depth.
+    DepthEdge,
+    /// Seen at a grazing angle.
+    Grazing,
+    /// Its scan normal disagrees with the surface where it projects to.
+    NormalMismatch,
+    /// It lies beyond the border of an open surface.
+    BeyondBorder,
+    /// Farther from the surface than its error explains.
+    Outlier,
+}
+
+impl Rejection {
+    /// The key in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NotFinite => "not_finite",
+            Self::DepthEdge => "depth_edge",
+            Self::Grazing => "grazing",
+            Self::NormalMismatch => "normal_mismatch",
+            Self::BeyondBorder => "beyond_border",
+            Self::Outlier => "outlier",
+        }
+    }
+}
+
+/// Where the covariances of one scan's points come from.
+#[derive(Debug, Clone)]
+enum ScanNoise {
+    /// The sensor's model, with rays in the world frame.
+    Model { noise: Noise, viewing: Viewing },
+    /// One σ a point.
+    Sigma(Vec<f64>),
+    /// One covariance a point, in the world frame.
+    Covariance(Vec<[f64; 6]>),
+}
+
+/// The readings that a fit uses, in world coordinates.
+#[derive(Debug, Clone, Default)]
+pub struct Observations {
+    /// Positions.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals of the scans, zero where unknown.
+    pub normals: Vec<[f32; 3]>,
+    /// Index of the scan of each point.
+    pub scan: Vec<u32>,
+    /// Index of the point among the scan's kept points.
+    index: Vec<u32>,
+    /// Whether the point is held out of the fit to judge it.
+    pub held_out: Vec<bool>,
+    /// For each scan, its sensor.
+    pub sensor_of_scan: Vec<usize>,
+    /// Points kept, scan by scan.
+    pub kept: Vec<usize>,
+    /// Whether the sensor's σ was stated, by its model or by every point of its scans.
+    pub stated: Vec<bool>,
+    /// What was left out already, by cause.
+    pub rejected: BTreeMap<Rejection, usize>,
+    noise: Vec<ScanNoise>,
+    /// Number of readings before anything was left out.
+    pub total: usize,
+}
+
+/// What observations are made from.
+#[derive(Debug, Clone, Copy)]
+pub struct ObservationOptions {
+    /// Share of points held out.
+    pub held_out_share: f64,
+    /// Seed of the choice.
+    pub seed: u64,
+    /// Checks of each scan.
+    pub checks: ScanChecks,
+}
+
+impl Observations {
+    /// Carries every scan into the world, makes normals, and leaves out what the scans themselves speak against.
+    ///
+    /// # Errors
+    /// `Undetermined` when no scan has a usable point; `Input` when a σ is not positive.
+    pub fn new(scans: &[Scan], sensor_of_scan: &[usize], sensors: &[Sensor], options: &ObservationOptions) -> Result<Self> {
+        let total: usize = scans.iter().map(|s| s.points.len() + s.dropped_not_finite).sum();
+        let mut made = Self { sensor_of_scan: sensor_of_scan.to_vec(), total, stated: vec![true; sensors.len()], ..Self::default() };
+        if scans.iter().map(|s| s.points.len()).sum::<usize>() < 4 {
+            let found: usize = scans.iter().map(|s| s.points.len()).sum();
+            return Err(Error::undetermined(format!("{found} points in all: at least 4 that are not on one line are needed")));
+        }
+        let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
+        if not_finite > 0 {
+            made.rejected.insert(Rejection::NotFinite, not_finite);
+        }
+        // Small clouds without a viewpoint get their normals from the union: neighbours come from any scan.
+        let geometries = scans
+            .par_iter()
+            .map(|scan| {
+                if scan.points.len() < 3 || (scan.grid.is_none() && scan.normals.is_none() && scan.viewing == Viewing::Unknown) {
+                    Ok(None)
+                } else {
+                    scan_geometry(scan, &options.checks).map(Some)
+                }
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let mut oriented = Vec::new();
+        for (s, (scan, geometry)) in scans.iter().zip(&geometries).enumerate() {
+            let sensor = &sensors[sensor_of_scan[s]];
+            let mut kept = 0_u32;
+            let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
+            for i in 0..scan.points.len() {
+                let suspicion = geometry.as_ref().map_or(Suspicion::None, |g| g.suspicion[i]);
+                let cause = match suspicion {
+                    Suspicion::None => None,
+                    Suspicion::DepthEdge => Some(Rejection::DepthEdge),
+                    Suspicion::Grazing => Some(Rejection::Grazing),
+                };
+                if let Some(cause) = cause {
+                    *made.rejected.entry(cause).or_insert(0) += 1;
+                    continue;
+                }
+                let normal = geometry.as_ref().map_or([0.0; 3], |g| g.normals[i]);
+                made.points.push(scan.world_from_scanner.apply(scan.points[i]));
+                made.normals.push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
+                made.scan.push(s as u32);
+                made.index.push(kept);
+                oriented.push(geometry.as_ref().is_some_and(|g| g.oriented));
+                made.held_out.push(hash01(options.seed, s as u64, i as u64) < options.held_out_share);
+                if let Some(all) = &scan.covariance {
+                    covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
+                } else if let Some(all) = &scan.sigma {
+                    sigmas.push(all[i]);
+                }
+                kept += 1;
+            }
+            made.kept.push(kept as usize);
+            let viewing = match scan.viewing {
+                Viewing::Unknown => Viewing::Unknown,
+                Viewing::Direction(d) => Viewing::Direction(scan.world_from_scanner.rotate(d)),
+                Viewing::Origin(o) => Viewing::Origin(scan.world_from_scanner.apply(o)),
+            };
+            made.noise.push(if scan.covariance.is_some() {
+                ScanNoise::Covariance(covariances)
+            } else if scan.sigma.is_some() {
+                ScanNoise::Sigma(sigmas)
+            } else {
+                match sensor.noise {
+                    Some(noise) => ScanNoise::Model { noise, viewing },
+                    None => {
+                        made.stated[sensor_of_scan[s]] = false;
+                        // One unit of length until the variance components say more.
+                        ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }
+                    }
+                }
+            });
+        }
+        if made.points.len() < 4 {
+            return Err(Error::undetermined(format!(
+                "of {total} readings only {} are left after the scans' own checks: at least 4 are needed",
+                made.points.len()
+            )));
+        }
+        made.complete_normals(&oriented, options.checks.neighbours)?;
+        Ok(made)
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Sensor of a point.
+    #[inline]
+    #[must_use]
+    pub fn sensor(&self, i: usize) -> usize {
+        self.sensor_of_scan[self.scan[i] as usize]
+    }
+
+    /// The scan normal of a point, zero where unknown.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, i: usize) -> [f64; 3] {
+        self.normals[i].map(f64::from)
+    }
+
+    /// Covariance of a point as stated: `[xx, xy, xz, yy, yz, zz]` in world axes.
+    #[inline]
+    #[must_use]
+    pub fn covariance(&self, i: usize) -> [f64; 6] {
+        match &self.noise[self.scan[i] as usize] {
+            ScanNoise::Model { noise, viewing } => noise.covariance(ray_at(*viewing, self.points[i])),
+            ScanNoise::Sigma(all) => Noise::Isotropic { sigma: all[self.index[i] as usize] }.covariance(None),
+            ScanNoise::Covariance(all) => all[self.index[i] as usize],
+        }
+    }
+
+    /// Normals for the points that have none, and one orientation for those whose side is unknown.
+    fn complete_normals(&mut self, oriented: &[bool], neighbours: usize) -> Result<()> {
+        let missing = self.normals.iter().zip(oriented).filter(|(n, o)| !**o && n.iter().all(|&c| c == 0.0)).count();
+        if missing == 0 && oriented.iter().all(|&o| o) {
+            return Ok(());
+        }
+        let estimated = if missing > 0 { nearest_neighbour_normals(&self.points, neighbours)? } else { Vec::new() };
+        let mut normals: Vec<[f64; 3]> = (0..self.len())
+            .map(|i| {
+                let n = self.normal(i);
+                if missing > 0 && !oriented[i] && dot(n, n) == 0.0 { estimated[i] } else { n }
+            })
+            .collect();
+        orient_normals(&self.points, &mut normals, oriented, neighbours)?;
+        self.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
+        Ok(())
+    }
+}
+
+/// A repeatable number in [0, 1) for a point of a scan.
+fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
+    let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (scan << 40) ^ point;
+    for _ in 0..2 {
+        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        x ^= x >> 31;
+    }
+    (x >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+fn rotate_covariance(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
+    let full = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]];
+    let entry = |i: usize, j: usize| -> f64 {
+        (0..3).map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>()).sum()
+    };
+    [entry(0, 0), entry(0, 1), entry(0, 2), entry(1, 1), entry(1, 2), entry(2, 2)]
+}
+

@@ -1,0 +1,252 @@
+//! The sparse equations of a surface's control vertices: pattern, ordering and symbolic factor of one hierarchy.
+//!
+//! Comes in: a [`Hierarchy`]. Goes out: places to accumulate information leaf by leaf, the smoothness prior as information,
+//! and factors. Three unknowns a node: the coordinates of its vertex. Made once for a hierarchy and used for every iteration.
+
+use crate::cell_information::{CellInformation, scalar_element};
+use crate::energy::{QuadraturePoint, quadrature};
+use crate::hierarchy::Hierarchy;
+use crate::surface::{Surface, leaf_weights};
+use planish_estimate::Result;
+use planish_estimate::sparse::{BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Leaves whose elements are made side by side before they are added, one after the other, to the global matrix.
+const BATCH: usize = 256;
+
+/// Sparse equations over the nodes of a hierarchy.
+#[derive(Debug, Clone)]
+pub struct SurfaceSystem {
+    space: Arc<Hierarchy>,
+    pattern: Arc<BlockPattern>,
+    symbolic: Arc<SymbolicFactor>,
+    symbolic_scalar: Arc<SymbolicFactor>,
+    scatters: Vec<ElementScatter>,
+}
+
+impl SurfaceSystem {
+    /// Pattern, nested-dissection ordering and symbolic factor of a hierarchy.
+    ///
+    /// # Errors
+    /// `Input` when the hierarchy is too large for the sparse matrices.
+    pub fn new(space: &Arc<Hierarchy>) -> Result<Self> {
+        let leaves = space.leaves().len();
+        let pattern =
+            Arc::new(BlockPattern::from_elements(space.node_count(), (0..leaves).map(|leaf| space.extraction(leaf).0))?);
+        let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;
+        let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 3)?);
+        let symbolic_scalar = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
+        let scatters =
+            (0..leaves).map(|leaf| ElementScatter::new(&pattern, space.extraction(leaf).0)).collect::<Result<_>>()?;
+        Ok(Self { space: Arc::clone(space), pattern, symbolic, symbolic_scalar, scatters })
+    }
+
+    /// The hierarchy.
+    #[must_use]
+    pub fn space(&self) -> &Arc<Hierarchy> {
+        &self.space
+    }
+
+    /// The pattern of coupled nodes.
+    #[must_use]
+    pub fn pattern(&self) -> &Arc<BlockPattern> {
+        &self.pattern
+    }
+
+    /// The symbolic factor for three unknowns a node.
+    #[must_use]
+    pub fn symbolic(&self) -> &Arc<SymbolicFactor> {
+        &self.symbolic
+    }
+
+    /// No information yet.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn nothing(&self) -> Result<BlockInformation> {
+        BlockInformation::zeros(Arc::clone(&self.pattern), 3, 1)
+    }
+
+    /// Accumulates information leaf by leaf: `fill(leaf, cell)` adds what is known of that leaf and says whether it added anything.
+    ///
+    /// Leaves are filled in parallel and added in order: the same bytes at any number of threads.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn accumulate(&self, fill: impl Fn(usize, &mut CellInformation) -> bool + Sync) -> Result<BlockInformation> {
+        let mut information = self.nothing()?;
+        let leaves: Vec<usize> = (0..self.scatters.len()).collect();
+        for batch in leaves.chunks(BATCH) {
+            let elements: Vec<Option<(Vec<f64>, Vec<f64>)>> = batch
+                .par_iter()
+                .with_min_len(16)
+                .map_init(CellInformation::default, |cell, &leaf| {
+                    cell.clear();
+                    fill(leaf, cell).then(|| {
+                        let (mut matrix, mut vector) = (Vec::new(), Vec::new());
+                        cell.element(&self.space, leaf, &mut matrix, &mut vector);
+                        (matrix, vector)
+                    })
+                })
+                .collect();
+            for (&leaf, element) in batch.iter().zip(&elements) {
+                if let Some((matrix, vector)) = element {
+                    information.add_scattered(&self.scatters[leaf], matrix, vector)?;
+                }
+            }
+        }
+        Ok(information)
+    }
+
+    /// The thin-plate energy in the metric of a reference surface, as the matrix `K` of one coordinate: `b = 1`.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn thin_plate(&self, reference: &Surface) -> Result<BlockInformation> {
+        let mut energy = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
+        for (leaf, form) in reference.thin_plate(&self.space).iter().enumerate() {
+            energy.add_scattered(&self.scatters[leaf], &scalar_element(&self.space, leaf, &form.thin_plate), &vec![0.0; 3 * self.scatters[leaf].nodes().len()])?;
+        }
+        Ok(energy)
+    }
+
+    /// A weak hold on tangential motion: at every point of the reference, information `1/σ²` a leaf about the two tangential
+    /// coordinates, with σ that share of the leaf's size; the normal coordinate is left free.
+    ///
+    /// Measurements of position say nothing of how vertices slide along the surface; without this they would drift.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn tangential_hold(&self, reference: &Surface, share: f64) -> Result<BlockInformation> {
+        self.accumulate(|leaf, cell| {
+            let side = self.space.leaves()[leaf].side();
+            for q in quadrature() {
+                let [u, v] = self.space.parameters(leaf, q.local);
+                let jet = reference.jet(u, v);
+                let Some(n) = jet.normal() else { continue };
+                let [e, _, g] = jet.first_form();
+                // The shorter side of the leaf on the surface, but for slivers at poles no less than a tenth of the longer.
+                let size2 = (e.min(g)).max(0.01 * e.max(g)) * side * side;
+                let w = q.weight / (share * share * size2);
+                let information = [
+                    w * (1.0 - n[0] * n[0]),
+                    -w * n[0] * n[1],
+                    -w * n[0] * n[2],
+                    w * (1.0 - n[1] * n[1]),
+                    -w * n[1] * n[2],
+                    w * (1.0 - n[2] * n[2]),
+                ];
+                cell.add_vector(&leaf_weights(q.local[0], q.local[1]), jet.point, &information);
+            }
+            true
+        })
+    }
+
+    /// The mass matrix `∫ B_a B_b dA` in the metric of a reference surface, for one coordinate: `b = 1`, three right-hand sides.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn mass(&self, reference: &Surface) -> Result<BlockInformation> {
+        let mut mass = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
+        for leaf in 0..self.scatters.len() {
+            let side = self.space.leaves()[leaf].side();
+            let mut form = [[0.0; 16]; 16];
+            for q in quadrature() {
+                let [u, v] = self.space.parameters(leaf, q.local);
+                let [e, f, g] = reference.jet(u, v).first_form();
+                let w = q.weight * side * side * (e * g - f * f).max(0.0).sqrt();
+                let c = leaf_weights(q.local[0], q.local[1]);
+                for k in 0..16 {
+                    for l in 0..16 {
+                        form[k][l] += w * c[k] * c[l];
+                    }
+                }
+            }
+            let zeros = vec![0.0; 3 * self.scatters[leaf].nodes().len()];
+            mass.add_scattered(&self.scatters[leaf], &scalar_element(&self.space, leaf, &form), &zeros)?;
+        }
+        Ok(mass)
+    }
+
+    /// Area weights of the four Gauss points of every leaf in the metric of a reference surface: for [`Self::project_field`].
+    #[must_use]
+    pub fn field_weights(&self, reference: &Surface) -> Vec<[f64; 4]> {
+        (0..self.scatters.len())
+            .map(|leaf| {
+                let side = self.space.leaves()[leaf].side();
+                four_points().map(|q| {
+                    let [u, v] = self.space.parameters(leaf, q.local);
+                    let [e, f, g] = reference.jet(u, v).first_form();
+                    q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
+                })
+            })
+            .collect()
+    }
+
+    /// Right-hand sides `∫ B_a f dA` of a vector field sampled at four Gauss points of every leaf: node-major, three columns.
+    ///
+    /// `field(leaf, point, local)` is called with the number of the point, 0 to 3, and its place in the leaf.
+    #[must_use]
+    pub fn project_field(&self, weights: &[[f64; 4]], field: impl Fn(usize, usize, [f64; 2]) -> [f64; 3] + Sync) -> Vec<f64> {
+        let parts: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
+            .into_par_iter()
+            .with_min_len(32)
+            .map(|leaf| {
+                let mut cell = [[0.0; 3]; 16];
+                for (n, q) in four_points().iter().enumerate() {
+                    let value = field(leaf, n, q.local);
+                    for (c, b) in cell.iter_mut().zip(leaf_weights(q.local[0], q.local[1])) {
+                        for d in 0..3 {
+                            c[d] += weights[leaf][n] * b * value[d];
+                        }
+                    }
+                }
+                cell
+            })
+            .collect();
+        let mut out = vec![0.0; 3 * self.space.node_count()];
+        for (leaf, cell) in parts.iter().enumerate() {
+            let (nodes, weights) = self.space.extraction(leaf);
+            for (&node, w) in nodes.iter().zip(weights) {
+                for k in 0..16 {
+                    for d in 0..3 {
+                        out[3 * node as usize + d] += w[k] * cell[k][d];
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Factors a matrix of one unknown a node.
+    ///
+    /// # Errors
+    /// `Undetermined` when it is not positive definite.
+    pub fn factorize_scalar(&self, matrix: &BlockInformation) -> Result<CholeskyFactor> {
+        CholeskyFactor::factorize(&self.symbolic_scalar, matrix)
+    }
+
+    /// Factors information of this system.
+    ///
+    /// # Errors
+    /// `Undetermined` when the information does not determine every vertex.
+    pub fn factorize(&self, information: &BlockInformation) -> Result<CholeskyFactor> {
+        CholeskyFactor::factorize(&self.symbolic, information)
+    }
+
+    /// The surface of solved vertices.
+    ///
+    /// # Errors
+    /// `Input` when a vertex is not finite.
+    pub fn surface(&self, solution: &[f64]) -> Result<Surface> {
+        let vertices = solution.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        Surface::new(Arc::clone(&self.space), vertices)
+    }
+}
+
+/// The 2 × 2 Gauss points of a leaf: enough for fields that are smoothed anyway.
+fn four_points() -> [QuadraturePoint; 4] {
+    let near = 0.5 - 0.5 / 3.0_f64.sqrt();
+    [[near, near], [1.0 - near, near], [near, 1.0 - near], [1.0 - near, 1.0 - near]].map(|local| QuadraturePoint { local, weight: 0.25 })
+}
