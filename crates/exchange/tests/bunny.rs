@@ -1,6 +1,11 @@
 //! The ten range scans of the Stanford bunny, where they are at hand: in `../shared/data` beside the repository, or in the
 //! folder that PLANISH_DATA names.
 
+#![allow(
+    clippy::print_stdout,
+    reason = "a skipped test and the times that it took are said aloud"
+)]
+
 use std::path::PathBuf;
 use std::time::Instant;
 

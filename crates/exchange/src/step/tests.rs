@@ -157,9 +157,13 @@ fn ball() -> Brep {
             .collect();
         surface(&k_u, &k_v, arc.len(), poles)
     };
-    let halves = [half(0.0), half(PI)];
+    ball_of([half(0.0), half(PI)])
+}
+
+/// Two halves that share the meridians at their first rows.
+fn ball_of(halves: [BsplineSurface; 2]) -> Brep {
     let meridian = |h: usize| BrepEdge {
-        curve: curve(&k_v, row(&halves[h], 0)),
+        curve: curve(&halves[h].knots_v, row(&halves[h], 0)),
         start: 0,
         end: 1,
     };
@@ -174,6 +178,35 @@ fn ball() -> Brep {
         faces: vec![face(0), face(1)],
         closed: true,
     }
+}
+
+/// A ball with bumps, cubic and continuous to the second derivative within each of its two halves.
+fn bumpy_ball() -> Brep {
+    let (n_u, n_v) = (64, 80);
+    let (k_u, k_v) = (knots(3, n_u - 3, 1), knots(3, n_v - 3, 1));
+    let half = |from: f64| {
+        let pole = |i: usize, j: usize| {
+            let theta = from + PI * i as f64 / (n_u - 1) as f64;
+            let phi = PI * (j as f64 / (n_v - 1) as f64 - 0.5);
+            let r = 10.0 + (5.0 * theta).sin() * (4.0 * phi).sin() * phi.cos().powi(2);
+            let across = if j == 0 || j == n_v - 1 { 0.0 } else { r * phi.cos() };
+            [across * theta.cos(), across * theta.sin(), r * phi.sin()]
+        };
+        let poles = (0..n_u * n_v).map(|n| pole(n / n_v, n % n_v)).collect();
+        surface(&k_u, &k_v, n_u, poles)
+    };
+    ball_of([half(0.0), half(PI)])
+}
+
+/// The same ball with surfaces whose u runs the other way: their normals point inwards, the faces' do not.
+fn turned_ball() -> Brep {
+    let mut brep = ball();
+    for face in &mut brep.faces {
+        let rows: Vec<_> = (0..face.surface.n_u).rev().map(|i| row(&face.surface, i)).collect();
+        face.surface.poles = rows.concat();
+        face.same_sense = false;
+    }
+    brep
 }
 
 fn written(brep: &Brep, options: &StepOptions) -> String {
@@ -228,7 +261,7 @@ fn the_same_shape_gives_the_same_bytes_without_clock_or_host() {
 
 #[test]
 fn every_reference_names_an_instance_that_exists() {
-    for brep in [sheet(), tube(), ball()] {
+    for brep in [sheet(), tube(), ball(), turned_ball(), bumpy_ball()] {
         for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
             let options = StepOptions {
                 unit,
@@ -270,14 +303,20 @@ fn what_does_not_fit_together_is_refused_by_name() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
-/// Writes the three shapes into the folder that PLANISH_STEP_OUT names, for tests/peers/check_step.py.
+/// Writes the shapes into the folder that PLANISH_STEP_OUT names, for tests/peers/check_step.py.
 #[test]
 fn shapes_for_open_cascade() {
     let Some(folder) = std::env::var_os("PLANISH_STEP_OUT").map(std::path::PathBuf::from) else {
         println!("skipped: PLANISH_STEP_OUT does not name a folder");
         return;
     };
-    for (name, brep) in [("sheet", sheet()), ("tube", tube()), ("ball", ball())] {
+    for (name, brep) in [
+        ("sheet", sheet()),
+        ("tube", tube()),
+        ("ball", ball()),
+        ("turned", turned_ball()),
+        ("bumpy", bumpy_ball()),
+    ] {
         for schema in [Schema::Ap214, Schema::Ap242] {
             for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
                 let options = StepOptions {
