@@ -3,3 +3,5 @@
 //! The jobs of Planish as functions. `planish-cli` parses a command line, calls them and prints.
 
 pub mod fit;
+pub mod model;
+pub mod progress;

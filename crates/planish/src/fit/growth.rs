@@ -32,13 +32,13 @@ const INWARD_SHARE: f64 = 0.3;
 /// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the base.
 const SMOOTHING_CELLS: f64 = 0.6;
 const LONGEST_STEP_CELLS: f64 = 0.3;
-const DRIFT: f64 = 0.3;
+const DRIFT: f64 = 0.12;
 const DRAW: f64 = 4.0;
 /// Steps from which on a stage may end early, and at most.
 const FEW_STEPS: usize = 8;
 const MOST_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
-const STRETCH_EVERY: usize = 4;
+const STRETCH_EVERY: usize = 2;
 
 /// Grows the base into the indicator's solid; `points` fix the level.
 ///

@@ -1,8 +1,151 @@
 //! Fusing scans into a surface.
-mod observations;
-pub use observations::{ObservationOptions, Observations, Rejection};
+
 mod engine;
+mod evolve;
 mod growth;
 mod indicator;
-mod evolve;
+mod observations;
+
 pub use evolve::debug_fit;
+pub use observations::{ObservationOptions, Observations, Rejection};
+
+use crate::model::SurfaceModel;
+use crate::progress::Progress;
+use planish_estimate::Result;
+use planish_exchange::ScanSet;
+use planish_sense::ScanChecks;
+use planish_spline::Shape;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Settings of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// The topology; chosen from the cloud where none is given.
+    pub shape: Option<Shape>,
+    /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise says so if none is given.
+    pub tolerance: Option<f64>,
+    /// No more control vertices than this.
+    pub max_coefficients: usize,
+    /// Readings farther from the surface than this many σ are outliers.
+    pub gate: f64,
+    /// Share of the readings held out to judge the fit.
+    pub held_out_share: f64,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Checks of each scan.
+    pub checks: ScanChecks,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            shape: None,
+            tolerance: None,
+            max_coefficients: 20_000,
+            gate: 4.0,
+            held_out_share: 0.1,
+            seed: 0,
+            checks: ScanChecks::default(),
+        }
+    }
+}
+
+/// How an iteration ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FitTermination {
+    /// Nothing is left to refine and the surface has come to rest.
+    Converged,
+    /// The asked-for tolerance is reached.
+    ReachedTolerance,
+    /// The limit of coefficients or iterations was reached first.
+    Limit,
+    /// The data do not determine the surface everywhere it was asked for.
+    Undetermined,
+}
+
+/// Held-out readings against the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// How many were judged.
+    pub n: usize,
+    /// Root mean square of residual over its predicted σ: 1 when the stated uncertainties are true.
+    pub rms_normalised: f64,
+}
+
+/// Quantiles of the surface's σ along its normal, over its measured area.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SigmaSummary {
+    /// The median.
+    pub median: f64,
+    /// The 95th percentile.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// The figures of a fit: the keys of the JSON summary.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FitReport {
+    /// Readings used.
+    pub observations: usize,
+    /// Readings left out, by cause.
+    pub rejected: BTreeMap<String, usize>,
+    /// The topology.
+    pub shape: String,
+    /// Control vertices.
+    pub coefficients: usize,
+    /// Levels of the hierarchy.
+    pub levels: usize,
+    /// Leaf cells.
+    pub cells: usize,
+    /// Root mean square of the residuals along the normals, in the model's unit.
+    pub rms: f64,
+    /// The same over each residual's σ.
+    pub rms_normalised: f64,
+    /// Residual χ² over the degrees of freedom.
+    pub reduced_chi_square: f64,
+    /// Sensor by sensor.
+    pub sensors: Vec<crate::model::SensorReport>,
+    /// Scan by scan.
+    pub poses: Vec<crate::model::PoseReport>,
+    /// σ along the normal.
+    pub sigma: SigmaSummary,
+    /// Share of the surface's area that was measured.
+    pub observed_area_fraction: f64,
+    /// Weight of the thin-plate energy, by marginal likelihood.
+    pub smoothness_weight: f64,
+    /// The judgement by points that took no part.
+    pub held_out: HeldOut,
+    /// How it ended.
+    pub termination: FitTermination,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A fitted model with its figures.
+pub struct Fit {
+    /// The model.
+    pub model: SurfaceModel,
+    /// The figures.
+    pub report: FitReport,
+}
+
+/// Fits a surface to scans.
+///
+/// # Errors
+/// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
+pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let _ = (set, options, progress);
+    Err(planish_estimate::Error::unsupported("being written"))
+}
+
+/// Adds the scans of another day to a model: its hierarchy stays, information adds, the prior counts once.
+///
+/// # Errors
+/// As for [`fit`]; `Input` when units differ.
+pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let _ = (model, set, options, progress);
+    Err(planish_estimate::Error::unsupported("being written"))
+}
