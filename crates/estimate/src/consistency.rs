@@ -1,1 +1,353 @@
-//! To be filled.
+//! Consistency: do the deviations have the size that the stated covariances say?
+//!
+//! Comes in: deviations from a truth, or residuals, with their covariances. Goes out: χ² statistics with two-sided bands, the
+//! share within an interval, and whether residuals are white. Not guaranteed: that a consistent estimate is a good one.
+
+use crate::dense::{ScaledCholesky, require_covariance, require_finite_number, require_vector};
+use crate::{Error, Result};
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
+
+/// `eᵀ Σ⁻¹ e`: χ² with as many degrees of freedom as `e` has components, when `e ~ N(0, Σ)`.
+///
+/// With `e` an estimate minus the truth and `Σ` its covariance this is the NEES; with an innovation and its covariance, the NIS.
+/// Cost: `n³/3`.
+///
+/// # Errors
+/// `Input` when shapes differ or the covariance is not positive semidefinite; `Undetermined` when it is singular.
+///
+/// # References
+/// Bar-Shalom, Li, Kirubarajan, *Estimation with applications to tracking and navigation*, 2001, section 5.4.
+pub fn normalized_squared(deviation: &DVector<f64>, covariance: &DMatrix<f64>) -> Result<f64> {
+    require_vector("the deviation", deviation, deviation.len())?;
+    require_covariance("the covariance", covariance, deviation.len())?;
+    let factor = ScaledCholesky::new(covariance).map_err(|null| null.into_error("the covariance of the deviation"))?;
+    Ok(factor.inverse_form(deviation))
+}
+
+/// The two-sided band in which a χ² statistic lies with a given confidence.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChiSquareBand {
+    /// The lower end.
+    pub lower: f64,
+    /// The upper end.
+    pub upper: f64,
+}
+
+impl ChiSquareBand {
+    /// The band of the *mean* of `samples` independent χ² values of `degrees` degrees of freedom each.
+    ///
+    /// # Errors
+    /// `Input` when there are no samples or degrees, or when the confidence is not between 0 and 1.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::ChiSquareBand;
+    ///
+    /// // 50 runs of a state of two, as in the reference's example 5.4.2.
+    /// let band = ChiSquareBand::of_mean(50, 2.0, 0.95)?;
+    /// assert!((band.lower - 1.484).abs() < 1e-3 && (band.upper - 2.591).abs() < 1e-3);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    pub fn of_mean(samples: usize, degrees: f64, confidence: f64) -> Result<Self> {
+        let n = samples as f64;
+        Self::of_sum(n * degrees, confidence).map(|band| Self {
+            lower: band.lower / n,
+            upper: band.upper / n,
+        })
+    }
+
+    /// The band of a reduced χ², the sum of squares over its redundancy.
+    ///
+    /// # Errors
+    /// `Input` when the redundancy is not positive, or when the confidence is not between 0 and 1.
+    pub fn reduced(redundancy: f64, confidence: f64) -> Result<Self> {
+        Self::of_sum(redundancy, confidence).map(|band| Self {
+            lower: band.lower / redundancy,
+            upper: band.upper / redundancy,
+        })
+    }
+
+    /// The band of a sum of squares with the given degrees of freedom, which need not be whole.
+    ///
+    /// # Errors
+    /// `Input` when the degrees are not positive, or when the confidence is not between 0 and 1.
+    pub fn of_sum(degrees: f64, confidence: f64) -> Result<Self> {
+        let tail = tail_of(confidence)?;
+        let distribution = ChiSquared::new(degrees)
+            .ok()
+            .filter(|_| degrees.is_finite())
+            .ok_or_else(|| Error::input(format!("χ² needs positive degrees of freedom, not {degrees}")))?;
+        Ok(Self {
+            lower: distribution.inverse_cdf(tail),
+            upper: distribution.inverse_cdf(1.0 - tail),
+        })
+    }
+
+    /// Whether a value lies in the band.
+    #[must_use]
+    pub fn contains(&self, value: f64) -> bool {
+        self.lower <= value && value <= self.upper
+    }
+}
+
+fn tail_of(confidence: f64) -> Result<f64> {
+    if confidence > 0.0 && confidence < 1.0 {
+        Ok(0.5 * (1.0 - confidence))
+    } else {
+        Err(Error::input(format!(
+            "a confidence lies between 0 and 1, not at {confidence}"
+        )))
+    }
+}
+
+/// The mean of χ² values, such as NEES or NIS over runs, beside its band.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::ChiSquareMean;
+///
+/// let mut nees = ChiSquareMean::new(3.0)?;
+/// for value in [2.1, 3.9, 2.7, 3.4] {
+///     nees.add(value)?;
+/// }
+/// assert!(nees.is_consistent(0.95)?);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChiSquareMean {
+    degrees: f64,
+    sum: f64,
+    samples: usize,
+}
+
+impl ChiSquareMean {
+    /// No values yet, of the given degrees of freedom each.
+    ///
+    /// # Errors
+    /// `Input` when the degrees are not positive.
+    pub fn new(degrees: f64) -> Result<Self> {
+        ChiSquareBand::of_sum(degrees, 0.5)?;
+        Ok(Self {
+            degrees,
+            sum: 0.0,
+            samples: 0,
+        })
+    }
+
+    /// Adds a value.
+    ///
+    /// # Errors
+    /// `Input` when it is not finite.
+    pub fn add(&mut self, value: f64) -> Result<()> {
+        require_finite_number("a χ² value", value)?;
+        self.sum += value;
+        self.samples += 1;
+        Ok(())
+    }
+
+    /// How many values there are.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// The mean value; the degrees of freedom are expected. NaN without values.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.sum / self.samples as f64
+    }
+
+    /// The mean over the degrees of freedom: the reduced χ². One is expected.
+    #[must_use]
+    pub fn reduced(&self) -> f64 {
+        self.mean() / self.degrees
+    }
+
+    /// The band of the mean.
+    ///
+    /// # Errors
+    /// `Input` when there are no values, or when the confidence is not between 0 and 1.
+    pub fn band(&self, confidence: f64) -> Result<ChiSquareBand> {
+        ChiSquareBand::of_mean(self.samples, self.degrees, confidence)
+    }
+
+    /// Whether the mean lies in its band: above is overconfident, below is timid.
+    ///
+    /// # Errors
+    /// As [`Self::band`].
+    pub fn is_consistent(&self, confidence: f64) -> Result<bool> {
+        Ok(self.band(confidence)?.contains(self.mean()))
+    }
+}
+
+/// Counts how often the truth lies in the stated interval, each case with a weight such as an area.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::Coverage;
+///
+/// let mut coverage = Coverage::of_interval(0.95)?;
+/// for (deviation, sigma) in [(0.1, 0.1), (-0.19, 0.1), (0.25, 0.1), (0.0, 0.2)] {
+///     coverage.add(deviation, sigma)?;
+/// }
+/// assert_eq!(coverage.share(), 0.75);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coverage {
+    interval: f64,
+    half_width: f64,
+    count: usize,
+    inside: f64,
+    weight: f64,
+    squared_weight: f64,
+}
+
+impl Coverage {
+    /// Nothing counted yet, for the two-sided Gaussian interval of this probability: ±1.96 σ for 0.95.
+    ///
+    /// # Errors
+    /// `Input` when the probability is not between 0 and 1.
+    pub fn of_interval(probability: f64) -> Result<Self> {
+        let half_width = -Normal::standard().inverse_cdf(tail_of(probability)?);
+        Ok(Self {
+            interval: probability,
+            half_width,
+            count: 0,
+            inside: 0.0,
+            weight: 0.0,
+            squared_weight: 0.0,
+        })
+    }
+
+    /// Counts a deviation whose stated standard deviation is `sigma`, in the same unit.
+    ///
+    /// # Errors
+    /// `Input` when a value is not finite or `sigma` is negative.
+    pub fn add(&mut self, deviation: f64, sigma: f64) -> Result<()> {
+        self.add_weighted(deviation, sigma, 1.0)
+    }
+
+    /// Counts a deviation with a weight, such as the area it stands for.
+    ///
+    /// # Errors
+    /// `Input` when a value is not finite, or when `sigma` or the weight is negative.
+    pub fn add_weighted(&mut self, deviation: f64, sigma: f64, weight: f64) -> Result<()> {
+        require_finite_number("a deviation", deviation)?;
+        require_finite_number("a standard deviation", sigma)?;
+        require_finite_number("a weight", weight)?;
+        if sigma < 0.0 || weight < 0.0 {
+            return Err(Error::input(
+                "neither a standard deviation nor a weight can be negative",
+            ));
+        }
+        self.count += 1;
+        self.weight += weight;
+        self.squared_weight += weight * weight;
+        if deviation.abs() <= self.half_width * sigma {
+            self.inside += weight;
+        }
+        Ok(())
+    }
+
+    /// Adds what was counted elsewhere for the same interval.
+    ///
+    /// # Errors
+    /// `Input` when the intervals differ.
+    pub fn merge(&mut self, other: &Self) -> Result<()> {
+        if self.interval != other.interval {
+            return Err(Error::input("coverages of different intervals cannot be merged"));
+        }
+        self.count += other.count;
+        self.inside += other.inside;
+        self.weight += other.weight;
+        self.squared_weight += other.squared_weight;
+        Ok(())
+    }
+
+    /// How many deviations were counted.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The share inside the interval, by weight. NaN when nothing was counted.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.inside / self.weight
+    }
+
+    /// The band of the share when the stated σ are right and the cases independent: lower and upper binomial quantiles.
+    ///
+    /// Weights count as `(Σ w)² / Σ w²` cases. Neighbours on a surface are not independent: then the band is too narrow.
+    ///
+    /// # Errors
+    /// `Input` when the confidence is not between 0 and 1; `Undetermined` when nothing was counted.
+    pub fn band(&self, confidence: f64) -> Result<(f64, f64)> {
+        let tail = tail_of(confidence)?;
+        let cases = (self.weight * self.weight / self.squared_weight).round();
+        if cases.is_nan() || cases < 1.0 {
+            return Err(Error::undetermined("the coverage of no cases is not determined"));
+        }
+        let binomial = Binomial::new(self.interval, cases as u64)
+            .map_err(|cause| Error::input("a coverage band cannot be computed").with_source(cause))?;
+        Ok((
+            binomial.inverse_cdf(tail) as f64 / cases,
+            binomial.inverse_cdf(1.0 - tail) as f64 / cases,
+        ))
+    }
+}
+
+/// Whether a sequence of normalised residuals is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Whiteness {
+    /// `n (n + 2) Σ ρ_k² / (n − k)` over the lags.
+    pub statistic: f64,
+    /// The probability of a statistic at least as large when the sequence is white.
+    pub p_value: f64,
+}
+
+/// The portmanteau test on the autocorrelations of a sequence at lags 1 to `lags`. Cost: `n · lags`.
+///
+/// # Errors
+/// `Input` when a value is not finite, there are no lags, or no more values than lags; `Undetermined` when all are equal.
+///
+/// # References
+/// Ljung, Box, *On a measure of lack of fit in time series models*, 1978.
+pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
+    if lags == 0 || residuals.len() <= lags {
+        return Err(Error::input(format!(
+            "{} residuals cannot be tested at {lags} lags",
+            residuals.len()
+        )));
+    }
+    for &residual in residuals {
+        require_finite_number("a residual", residual)?;
+    }
+    let n = residuals.len() as f64;
+    let mean = residuals.iter().sum::<f64>() / n;
+    let centred: Vec<f64> = residuals.iter().map(|r| r - mean).collect();
+    let power: f64 = centred.iter().map(|r| r * r).sum();
+    if power <= 0.0 {
+        return Err(Error::undetermined(
+            "residuals that are all equal have no autocorrelation",
+        ));
+    }
+    let sum: f64 = (1..=lags)
+        .map(|lag| {
+            let product: f64 = centred.iter().zip(&centred[lag..]).map(|(a, b)| a * b).sum();
+            (product / power).powi(2) / (n - lag as f64)
+        })
+        .sum();
+    let statistic = n * (n + 2.0) * sum;
+    let distribution = ChiSquared::new(lags as f64)
+        .map_err(|cause| Error::input("the test of whiteness cannot be computed").with_source(cause))?;
+    Ok(Whiteness {
+        statistic,
+        p_value: distribution.sf(statistic),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,135 @@
+//! The maximum of a function of one variable by golden section with parabolic steps.
+//!
+//! Comes in: an interval and a function that costs much. Goes out: the best point that was evaluated. Not guaranteed: the
+//! global maximum of a function with several.
+
+use crate::Result;
+
+/// A point that was evaluated.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Evaluated {
+    pub(crate) at: f64,
+    pub(crate) value: f64,
+}
+
+/// What a search found.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Maximum {
+    pub(crate) best: Evaluated,
+    pub(crate) evaluations: usize,
+    pub(crate) converged: bool,
+}
+
+const GOLDEN: f64 = 0.381_966_011_250_105_1;
+
+/// Maximises over `[low, high]` to `tolerance` in the argument, in at most `limit` evaluations.
+pub(crate) fn maximize_between(
+    low: f64,
+    high: f64,
+    tolerance: f64,
+    limit: usize,
+    mut value_at: impl FnMut(f64) -> Result<f64>,
+) -> Result<Maximum> {
+    let at = low + GOLDEN * (high - low);
+    let start = Evaluated {
+        at,
+        value: value_at(at)?,
+    };
+    let found = maximize_bracketed(low, start, high, tolerance, limit.saturating_sub(1), value_at)?;
+    Ok(Maximum {
+        evaluations: found.evaluations + 1,
+        ..found
+    })
+}
+
+/// Brent's search from an inner point whose value is known.
+///
+/// Brent, *Algorithms for minimization without derivatives*, 1973, chapter 5.
+pub(crate) fn maximize_bracketed(
+    mut low: f64,
+    inner: Evaluated,
+    mut high: f64,
+    tolerance: f64,
+    limit: usize,
+    mut value_at: impl FnMut(f64) -> Result<f64>,
+) -> Result<Maximum> {
+    let (mut best, mut second, mut third) = (inner, inner, inner);
+    let (mut step, mut step_before_last) = (0.0_f64, 0.0_f64);
+    for evaluations in 0..limit {
+        let middle = 0.5 * (low + high);
+        if (best.at - middle).abs() <= 2.0 * tolerance - 0.5 * (high - low) {
+            return Ok(Maximum {
+                best,
+                evaluations,
+                converged: true,
+            });
+        }
+        let parabola = parabolic_step(best, second, third).filter(|&candidate| {
+            let target = best.at + candidate;
+            candidate.abs() < 0.5 * step_before_last.abs() && target > low && target < high
+        });
+        step_before_last = step;
+        step = match parabola {
+            Some(candidate) => {
+                let target = best.at + candidate;
+                if target - low < 2.0 * tolerance || high - target < 2.0 * tolerance {
+                    tolerance.copysign(middle - best.at)
+                } else {
+                    candidate
+                }
+            }
+            None => {
+                step_before_last = if best.at < middle {
+                    high - best.at
+                } else {
+                    low - best.at
+                };
+                GOLDEN * step_before_last
+            }
+        };
+        let at = best.at
+            + if step.abs() >= tolerance {
+                step
+            } else {
+                tolerance.copysign(step)
+            };
+        let trial = Evaluated {
+            at,
+            value: value_at(at)?,
+        };
+        if trial.value >= best.value {
+            if trial.at < best.at {
+                high = best.at;
+            } else {
+                low = best.at;
+            }
+            (third, second, best) = (second, best, trial);
+        } else {
+            if trial.at < best.at {
+                low = trial.at;
+            } else {
+                high = trial.at;
+            }
+            if trial.value >= second.value || second.at == best.at {
+                (third, second) = (second, trial);
+            } else if trial.value >= third.value || third.at == best.at || third.at == second.at {
+                third = trial;
+            }
+        }
+    }
+    Ok(Maximum {
+        best,
+        evaluations: limit,
+        converged: false,
+    })
+}
+
+/// From `best` to the top of the parabola through three points; `None` where there is none.
+fn parabolic_step(best: Evaluated, second: Evaluated, third: Evaluated) -> Option<f64> {
+    let r = (best.at - second.at) * (best.value - third.value);
+    let q = (best.at - third.at) * (best.value - second.value);
+    let numerator = (best.at - third.at) * q - (best.at - second.at) * r;
+    let denominator = 2.0 * (q - r);
+    let step = -numerator / denominator;
+    step.is_finite().then_some(step)
+}
