@@ -21,6 +21,7 @@ pub enum Dispersion {
 /// What does not change with the weight of a smoothness prior.
 ///
 /// The model: readings `z = H x + v` with `v ~ N(0, φ W⁻¹)`, and `x` with prior information `w K / φ`, flat along the null space of `K`.
+/// Coordinates that share `K` count each: three times the rank, unknowns and equations, and sums in the evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessModel {
     /// The rank of `K`.
