@@ -1,12 +1,13 @@
 //! Fusing scans into a surface.
 
 mod engine;
-mod evolve;
+mod finish;
 mod growth;
 mod indicator;
+mod noise;
 mod observations;
+mod stages;
 
-pub use evolve::debug_fit;
 pub use observations::{ObservationOptions, Observations, Rejection};
 
 use crate::model::SurfaceModel;
@@ -137,8 +138,17 @@ pub struct Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let _ = (set, options, progress);
-    Err(planish_estimate::Error::unsupported("being written"))
+    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
+    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
+    let observations = Observations::new(
+        &scans,
+        &sensor_of_scan,
+        &set.sensors,
+        &ObservationOptions { held_out_share: options.held_out_share, seed: options.seed, checks: options.checks },
+    )?;
+    progress.check("normals", 0.01)?;
+    let settled = stages::settle(&observations, options, progress)?;
+    finish::finish(set, &observations, settled, options, None, progress)
 }
 
 /// Adds the scans of another day to a model: its hierarchy stays, information adds, the prior counts once.
@@ -146,6 +156,24 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
 /// # Errors
 /// As for [`fit`]; `Input` when units differ.
 pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let _ = (model, set, options, progress);
-    Err(planish_estimate::Error::unsupported("being written"))
+    if let Some(unit) = set.unit
+        && unit != model.unit
+    {
+        return Err(planish_estimate::Error::input(format!(
+            "the scans are in {}, the model in {}: convert one of them",
+            unit.name(),
+            model.unit.name()
+        )));
+    }
+    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
+    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
+    let observations = Observations::new(
+        &scans,
+        &sensor_of_scan,
+        &set.sensors,
+        &ObservationOptions { held_out_share: options.held_out_share, seed: options.seed, checks: options.checks },
+    )?;
+    progress.check("normals", 0.1)?;
+    let settled = finish::place(model, &observations, options, progress)?;
+    finish::finish(set, &observations, settled, options, Some(model), progress)
 }

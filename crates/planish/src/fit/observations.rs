@@ -97,7 +97,7 @@ impl Observations {
     ///
     /// # Errors
     /// `Undetermined` when no scan has a usable point; `Input` when a σ is not positive.
-    pub fn new(scans: &[Scan], sensor_of_scan: &[usize], sensors: &[Sensor], options: &ObservationOptions) -> Result<Self> {
+    pub fn new(scans: &[&Scan], sensor_of_scan: &[usize], sensors: &[Sensor], options: &ObservationOptions) -> Result<Self> {
         let total: usize = scans.iter().map(|s| s.points.len() + s.dropped_not_finite).sum();
         let mut made = Self { sensor_of_scan: sensor_of_scan.to_vec(), total, stated: vec![true; sensors.len()], ..Self::default() };
         if scans.iter().map(|s| s.points.len()).sum::<usize>() < 4 {

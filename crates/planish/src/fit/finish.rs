@@ -1,0 +1,330 @@
+//! From a settled surface to a model with its covariance and the report.
+//!
+//! Comes in: a [`Settled`] surface. Goes out: the posterior of all three coordinates of every vertex, linearised at itself, and
+//! the figures by which a user judges it.
+
+use super::engine::{Foot, FootState, accumulate, normal_step, project};
+use super::noise::{SensorNoise, kept_variance};
+use super::observations::{Observations, Rejection};
+use super::stages::{Settled, leaf_areas, observed_leaves, weights};
+use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, SigmaSummary};
+use crate::model::{PoseReport, SensorReport, SurfaceModel};
+use crate::progress::Progress;
+use planish_estimate::sparse::SelectedInverse;
+use planish_estimate::{Error, Result};
+use planish_exchange::{ScanSet, Unit};
+use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights, variance_along};
+use rayon::prelude::*;
+
+/// σ of tangential motion, as a share of a leaf's size.
+const TANGENTIAL_HOLD: f64 = 0.5;
+/// Full Gauss–Newton steps: the first moves what the normal steps could not, the second linearises at the result.
+const FULL_STEPS: usize = 2;
+
+/// Solves for all coordinates and reports; `earlier` is the model that the scans add to.
+pub(super) fn finish(
+    set: &ScanSet,
+    observations: &Observations,
+    settled: Settled,
+    options: &FitOptions,
+    earlier: Option<&SurfaceModel>,
+    progress: &dyn Progress,
+) -> Result<Fit> {
+    let Settled { mut surface, system, subset, mut feet, mut noise, weight, energy, mut at, reached_limit, reached_tolerance } =
+        settled;
+    let prior = match earlier {
+        Some(model) => model.prior.clone(),
+        None => {
+            let mut prior = system.tangential_hold(&surface, TANGENTIAL_HOLD)?;
+            prior.add_scaled(&energy, weight)?;
+            prior
+        }
+    };
+    let mut solved = None;
+    for step in 0..FULL_STEPS {
+        progress.check("solving", 0.9 + 0.03 * step as f64)?;
+        let information = weights(observations, &subset, &feet, &noise, options.gate, false);
+        let mut data = accumulate(&system, &surface, &feet, &information)?;
+        if let Some(model) = earlier {
+            data.add_scaled(&model.data, 1.0)?;
+        }
+        let mut total = data.clone();
+        total.add_scaled(&prior, 1.0)?;
+        let factor = system.factorize(&total)?;
+        let mut x = total.vector().to_vec();
+        factor.solve_in_place(&mut x)?;
+        surface = system.surface(&x)?;
+        feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+        solved = Some((factor, data));
+    }
+    let Some((factor, data)) = solved else { return Err(Error::undetermined("no step was taken")) };
+    progress.check("covariance", 0.96)?;
+    let inverse = SelectedInverse::new(&factor);
+    let degrees = inverse.trace_with(&data)?;
+    let count = feet.iter().filter(|foot| foot.state == FootState::Good).count();
+    let leverage = (degrees / (count + earlier.map_or(0, |m| m.observations)).max(1) as f64).min(0.9);
+    noise = SensorNoise { used: noise.used, ..SensorNoise::estimate(observations, &subset, &feet, options.gate, leverage, true)? };
+
+    let information = weights(observations, &subset, &feet, &noise, options.gate, false);
+    let mut observed = observed_leaves(&surface, &feet, &information);
+    if let Some(model) = earlier {
+        for (now, before) in observed.iter_mut().zip(&model.observed) {
+            *now |= before;
+        }
+    }
+    let mut rejected: std::collections::BTreeMap<String, usize> =
+        observations.rejected.iter().map(|(cause, n)| (cause.name().to_owned(), *n)).collect();
+    let mut reject = |cause: Rejection| *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
+    for (foot, &w) in feet.iter().zip(&information) {
+        match foot.state {
+            FootState::NormalMismatch => reject(Rejection::NormalMismatch),
+            FootState::BeyondBorder => reject(Rejection::BeyondBorder),
+            FootState::Good if w == 0.0 => reject(Rejection::Outlier),
+            FootState::Good => {}
+        }
+    }
+    let held_out = judge(&surface, observations, &noise, &inverse, &mut at, options.gate)?;
+    let sigma = sigma_summary(&surface, &inverse, &observed)?;
+    let areas = leaf_areas(&surface);
+    let total_area: f64 = areas.iter().sum();
+    let observed_area: f64 = areas.iter().zip(&observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+
+    let used: Vec<(&Foot, f64)> = feet.iter().zip(information.iter().copied()).filter(|(_, w)| *w > 0.0).collect();
+    let n = used.len().max(1) as f64;
+    let chi2: f64 = used.iter().map(|(foot, w)| w * foot.height * foot.height).sum();
+    let square: f64 = used.iter().map(|(foot, _)| foot.height * foot.height).sum();
+    let kept = kept_variance(options.gate)?;
+    let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information);
+    let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, observations.total);
+    if reached_limit {
+        warnings.push(format!(
+            "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
+            options.max_coefficients
+        ));
+    }
+    let poses = set
+        .scans
+        .iter()
+        .map(|posed| PoseReport {
+            scan: posed.scan.name.clone(),
+            translation: posed.scan.world_from_scanner.translation,
+            quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
+            sigma_translation: posed.sigma_translation,
+            sigma_rotation_deg: posed.sigma_rotation_deg,
+        })
+        .collect::<Vec<_>>();
+    let report = FitReport {
+        observations: used.len(),
+        rejected,
+        shape: surface.space().shape().name().to_owned(),
+        coefficients: surface.space().node_count(),
+        levels: surface.space().levels(),
+        cells: surface.space().leaves().len(),
+        rms: (square / n).sqrt(),
+        rms_normalised: (chi2 / n).sqrt(),
+        reduced_chi_square: chi2 / (n * kept * (1.0 - leverage)).max(1.0),
+        sensors: sensors.clone(),
+        poses: poses.clone(),
+        sigma,
+        observed_area_fraction: observed_area / total_area,
+        smoothness_weight: weight,
+        held_out,
+        termination: if reached_limit {
+            FitTermination::Limit
+        } else if reached_tolerance {
+            FitTermination::ReachedTolerance
+        } else {
+            FitTermination::Converged
+        },
+        warnings,
+    };
+    let model = SurfaceModel {
+        unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
+        surface,
+        prior,
+        data,
+        observed,
+        sensors,
+        poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()).into_iter().chain(poses).collect(),
+        smoothness_weight: weight,
+        observations: used.len() + earlier.map_or(0, |m| m.observations),
+    };
+    progress.advance("done", 1.0);
+    Ok(Fit { model, report })
+}
+
+/// Lays new observations on the surface of a model whose hierarchy stays.
+pub(super) fn place(
+    model: &SurfaceModel,
+    observations: &Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
+    let mut surface = model.surface.clone();
+    let system = SurfaceSystem::new(surface.space())?;
+    let subset: Vec<u32> = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    let mut at = vec![[0.0; 2]; observations.len()];
+    let mut noise = SensorNoise::stated(observations);
+    let mut feet = Vec::new();
+    for iteration in 0..4 {
+        progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
+        let search = if iteration == 0 { Some(FootPointSearch::new(&surface, 2, 0.0)?) } else { None };
+        feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
+        noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
+        if iteration == 3 {
+            break;
+        }
+        let information = weights(observations, &subset, &feet, &noise, options.gate, false);
+        let mut data = accumulate(&system, &surface, &feet, &information)?;
+        data.add_scaled(&model.data, 1.0)?;
+        surface = normal_step(&system, &surface, &data, &model.prior, 1.0)?.surface;
+    }
+    Ok(Settled {
+        surface,
+        subset,
+        feet,
+        noise,
+        weight: model.smoothness_weight,
+        energy: model.prior.clone(),
+        at,
+        reached_limit: false,
+        reached_tolerance: false,
+        system,
+    })
+}
+
+/// Held-out readings: residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
+fn judge(
+    surface: &Surface,
+    observations: &Observations,
+    noise: &SensorNoise,
+    inverse: &SelectedInverse,
+    at: &mut [[f64; 2]],
+    gate: f64,
+) -> Result<HeldOut> {
+    let held: Vec<u32> = (0..observations.len() as u32).filter(|&i| observations.held_out[i as usize]).collect();
+    if held.is_empty() {
+        return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
+    }
+    let space = surface.space();
+    let search = FootPointSearch::new(surface, 2, 0.0)?;
+    // Searched with their normals, as all others were.
+    let search = if held.iter().any(|&i| observations.normal(i as usize) != [0.0; 3]) {
+        let size = surface.vertices().iter().fold(0.0_f64, |m, p| m.max(p.iter().fold(0.0, |a: f64, c| a.max(c.abs()))));
+        FootPointSearch::new(surface, 2, 0.1 * size)?
+    } else {
+        search
+    };
+    let feet = project(surface, observations, &held, at, Some(&search), &noise.used);
+    let normalised: Vec<Option<f64>> = held
+        .par_iter()
+        .zip(&feet)
+        .with_min_len(256)
+        .map_init(Vec::new, |dense, (&i, foot)| {
+            if foot.state != FootState::Good {
+                return None;
+            }
+            let leaf = foot.leaf as usize;
+            if !inverse.dense_into(space.extraction(leaf).0, dense) {
+                return None;
+            }
+            let of_surface = variance_along(space, leaf, dense, &leaf_weights(foot.local[0], foot.local[1]), foot.normal);
+            let of_reading = noise.used[observations.sensor(i as usize)] * foot.variance;
+            let r = foot.height / (of_reading + of_surface).sqrt();
+            (r.abs() <= gate).then_some(r)
+        })
+        .collect();
+    let kept: Vec<f64> = normalised.into_iter().flatten().collect();
+    let n = kept.len();
+    let mean_square = kept.iter().map(|r| r * r).sum::<f64>() / n.max(1) as f64;
+    Ok(HeldOut { n, rms_normalised: (mean_square / kept_variance(gate)?).sqrt() })
+}
+
+/// σ along the normal at the middle of every observed leaf, by area.
+fn sigma_summary(surface: &Surface, inverse: &SelectedInverse, observed: &[bool]) -> Result<SigmaSummary> {
+    let space = surface.space();
+    let areas = leaf_areas(surface);
+    let mut by_area: Vec<(f64, f64)> = (0..observed.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .filter(|&leaf| observed[leaf])
+        .map_init(Vec::new, |dense, leaf| {
+            let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
+            if !inverse.dense_into(space.extraction(leaf).0, dense) {
+                return (0.0, 0.0);
+            }
+            (variance_along(space, leaf, dense, &leaf_weights(0.5, 0.5), normal).max(0.0).sqrt(), areas[leaf])
+        })
+        .collect();
+    if by_area.is_empty() {
+        return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
+    }
+    by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = by_area.iter().map(|(_, a)| a).sum();
+    let quantile = |p: f64| {
+        let mut sum = 0.0;
+        by_area.iter().find(|(_, a)| { sum += a; sum >= p * total }).map_or(by_area[by_area.len() - 1].0, |(s, _)| *s)
+    };
+    Ok(SigmaSummary { median: quantile(0.5), p95: quantile(0.95), max: by_area[by_area.len() - 1].0 })
+}
+
+fn sensor_reports(
+    set: &ScanSet,
+    observations: &Observations,
+    noise: &SensorNoise,
+    subset: &[u32],
+    feet: &[Foot],
+    information: &[f64],
+) -> Vec<SensorReport> {
+    set.sensors
+        .iter()
+        .enumerate()
+        .filter(|(s, _)| observations.sensor_of_scan.contains(s))
+        .map(|(s, sensor)| {
+            let (mut count, mut square, mut stated) = (0_usize, 0.0, 0.0);
+            for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
+                if w > 0.0 && observations.sensor(i as usize) == s {
+                    count += 1;
+                    square += foot.height * foot.height;
+                    stated += foot.variance;
+                }
+            }
+            let n = count.max(1) as f64;
+            // Where σ differs from point to point, its root mean square along the normals stands for it.
+            let typical = (stated / n).sqrt();
+            SensorReport {
+                name: sensor.name.clone(),
+                observations: count,
+                sigma_stated: observations.stated[s].then_some(typical),
+                sigma_estimated: noise.estimated[s].sqrt() * typical,
+                rms: (square / n).sqrt(),
+                sigma_used_is_estimated: !observations.stated[s] || noise.contradicted[s],
+            }
+        })
+        .collect()
+}
+
+fn warnings(
+    sensors: &[SensorReport],
+    observed: f64,
+    rejected: &std::collections::BTreeMap<String, usize>,
+    total: usize,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for sensor in sensors {
+        if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
+            warnings.push(format!(
+                "sensor {:?} states σ = {stated:.3e}, but its residuals say {:.3e}: the estimate was used",
+                sensor.name, sensor.sigma_estimated
+            ));
+        }
+    }
+    if observed < 0.5 {
+        warnings.push(format!("only {:.0} % of the surface was measured: the rest is the smoothness prior's guess", 100.0 * observed));
+    }
+    let gated: usize = rejected.values().sum();
+    if gated * 10 > total {
+        warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));
+    }
+    warnings
+}

@@ -1,0 +1,83 @@
+//! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what was stated.
+
+use super::engine::{Foot, FootState};
+use super::observations::Observations;
+use planish_estimate::{Result, TruncatedNormal, gated_scale};
+
+/// Stated σ are believed within this factor: real instruments are not specified more sharply.
+const BELIEVED: f64 = 1.1;
+
+/// The noise of every sensor as the fit knows it now.
+#[derive(Debug, Clone)]
+pub(super) struct SensorNoise {
+    /// Variance as estimated over variance as stated (over one where none was stated).
+    pub estimated: Vec<f64>,
+    /// Variance as used over variance as stated.
+    pub used: Vec<f64>,
+    /// Readings behind each estimate.
+    pub count: Vec<usize>,
+    /// Whether the estimate is used although σ was stated.
+    pub contradicted: Vec<bool>,
+}
+
+impl SensorNoise {
+    /// Nothing known yet: stated variances count as they are.
+    pub(super) fn stated(observations: &Observations) -> Self {
+        let sensors = observations.stated.len();
+        // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
+        let used = observations.stated.iter().map(|&stated| if stated { 1.0 } else { 0.0 }).collect();
+        Self { estimated: vec![1.0; sensors], used, count: vec![0; sensors], contradicted: vec![false; sensors] }
+    }
+
+    /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
+    ///
+    /// `leverage_share` is the effective degrees of freedom over the number of readings: residuals are smaller than errors by that.
+    /// While `settled` is false the surface still misses shape, and every sensor's scale is taken from its residuals.
+    pub(super) fn estimate(
+        observations: &Observations,
+        subset: &[u32],
+        feet: &[Foot],
+        gate: f64,
+        leverage_share: f64,
+        settled: bool,
+    ) -> Result<Self> {
+        let mut noise = Self::stated(observations);
+        for sensor in 0..observations.stated.len() {
+            let normalised: Vec<f64> = subset
+                .iter()
+                .zip(feet)
+                .filter(|(i, foot)| foot.state == FootState::Good && observations.sensor(**i as usize) == sensor)
+                .map(|(_, foot)| foot.height / foot.variance.sqrt())
+                .collect();
+            noise.count[sensor] = normalised.len();
+            if normalised.len() < 8 {
+                if !observations.stated[sensor] && !normalised.is_empty() {
+                    // Too few for a scale of their own: the scale of all readings stands in.
+                    let all: Vec<f64> = feet.iter().filter(|f| f.state == FootState::Good).map(|f| f.height).collect();
+                    noise.used[sensor] = gated_scale(&all, gate)?.sigma.powi(2).max(1e-24);
+                    noise.estimated[sensor] = noise.used[sensor];
+                }
+                continue;
+            }
+            let scale = gated_scale(&normalised, gate)?;
+            // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
+            let redundancy = (1.0 - leverage_share).max(0.05);
+            noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy).max(1e-24);
+            let ratio = noise.estimated[sensor].sqrt();
+            let standard_error = (0.5 / (normalised.len() as f64 * redundancy)).sqrt() * ratio;
+            let off = ratio > BELIEVED + 3.0 * standard_error || ratio < 1.0 / BELIEVED - 3.0 * standard_error;
+            if !observations.stated[sensor] || !settled {
+                noise.used[sensor] = noise.estimated[sensor];
+            } else if off {
+                noise.used[sensor] = noise.estimated[sensor];
+                noise.contradicted[sensor] = true;
+            }
+        }
+        Ok(noise)
+    }
+}
+
+/// The variance that a gate leaves, over the whole.
+pub(super) fn kept_variance(gate: f64) -> Result<f64> {
+    Ok(TruncatedNormal::new(gate)?.variance_ratio())
+}

@@ -1,0 +1,388 @@
+//! From a cloud to a settled surface: first shape, then iterations and refinements until the noise is all that is left.
+//!
+//! Comes in: [`Observations`] and the options. Goes out: a [`Settled`] surface with feet, noise and smoothness weight; the
+//! information and its inverse are made from it once, by `finish`.
+
+use super::FitOptions;
+use super::engine::{Foot, FootState, accumulate, by_leaf, normal_step, project};
+use super::growth::grow;
+use super::indicator::Indicator;
+use super::noise::SensorNoise;
+use super::observations::Observations;
+use crate::progress::Progress;
+use planish_estimate::sparse::BlockInformation;
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_spline::{
+    BaseShape, FootPointSearch, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights, quadrature,
+};
+use std::sync::Arc;
+
+/// Cells of the base grid, about.
+const BASE_CELLS: usize = 128;
+/// Points that are enough to find a first shape.
+const ENOUGH_FOR_SHAPE: usize = 30_000;
+/// Iterations between two refinements, and at the end.
+const ITERATIONS: usize = 3;
+const LAST_ITERATIONS: usize = 4;
+/// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
+const BINS: usize = 4;
+/// A leaf is split only where its readings can pay for it.
+const LEAST_READINGS: usize = 24;
+/// Deepest level below the base grid.
+const DEEPEST: u8 = 7;
+
+/// A surface that has come to rest on its observations.
+pub(super) struct Settled {
+    pub surface: Surface,
+    pub system: SurfaceSystem,
+    /// The readings that take part, and their feet.
+    pub subset: Vec<u32>,
+    pub feet: Vec<Foot>,
+    pub noise: SensorNoise,
+    pub weight: f64,
+    /// Thin-plate matrix of three coordinates in the metric of `surface`.
+    pub energy: BlockInformation,
+    /// Parameters of every observation.
+    pub at: Vec<[f64; 2]>,
+    pub reached_limit: bool,
+    pub reached_tolerance: bool,
+}
+
+/// Finds the first shape and settles it.
+pub(super) fn settle(observations: &Observations, options: &FitOptions, progress: &dyn Progress) -> Result<Settled> {
+    let size = observations.len();
+    let some: Vec<u32> = (0..size as u32).step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1)).collect();
+    let points: Vec<[f64; 3]> = some.iter().map(|&i| observations.points[i as usize]).collect();
+    let normals: Vec<[f64; 3]> = some.iter().map(|&i| observations.normal(i as usize)).collect();
+    let base = choose_base_shape(&points, &normals, options.shape)?;
+    // A small cloud cannot pay for many cells, whatever their prior.
+    let grid = base.grid(BASE_CELLS.min((size / 6).max(32)));
+    progress.check("first shape", 0.02)?;
+    let surface = if base.shape == Shape::Ball {
+        let indicator = Indicator::new(&points, &normals);
+        grow(&base, grid, &points, &indicator, &|share| progress.check("growing", 0.05 + 0.35 * share))?
+    } else {
+        drape(&base, grid, &points)?
+    };
+    let subset: Vec<u32> = (0..size as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    refine_to_noise(observations, surface, subset, options, progress)
+}
+
+/// The smooth surface over the base grid whose points at each reading's own base parameters are nearest to the readings.
+fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surface> {
+    let reference = base.surface(grid)?;
+    let space = Arc::clone(reference.space());
+    let extent = space.extent();
+    let system = SurfaceSystem::new(&space)?;
+    let mut lists: Vec<Vec<(u32, [f64; 2])>> = vec![Vec::new(); space.leaves().len()];
+    for (i, p) in points.iter().enumerate() {
+        let q = base.parameters(*p);
+        let (leaf, local) = space.locate(q[0] * extent[0], q[1] * extent[1]);
+        lists[leaf].push((i as u32, local));
+    }
+    let data = system.accumulate(|leaf, cell| {
+        for &(i, local) in &lists[leaf] {
+            cell.add_vector(&leaf_weights(local[0], local[1]), points[i as usize], &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        }
+        !lists[leaf].is_empty()
+    })?;
+    // Smooth over one cell: what the readings say of finer shape comes later. The energy is that of the departure from the base,
+    // so that unseen parts of a tube stay round.
+    let area: f64 = reference.thin_plate(&space).iter().map(|l| l.area).sum();
+    let cell = (area / space.leaves().len() as f64).sqrt();
+    let weight = points.len() as f64 / area * cell.powi(4) * 0.05;
+    let energy = system.thin_plate(&reference)?.expanded(3)?;
+    let x: Vec<f64> = reference.vertices().iter().flatten().copied().collect();
+    let mut pull = vec![0.0; x.len()];
+    energy.multiply(&x, &mut pull)?;
+    let mut total = data;
+    total.add_scaled(&energy, weight)?;
+    for (v, p) in total.vector_mut().iter_mut().zip(&pull) {
+        *v += weight * p;
+    }
+    // A trace of the base itself where neither data nor energy reach.
+    let hold = 1e-6 * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
+    total.add_diagonal(hold);
+    for (v, c) in total.vector_mut().iter_mut().zip(&x) {
+        *v += hold * c;
+    }
+    let factor = system.factorize(&total)?;
+    let mut solution = total.vector().to_vec();
+    factor.solve_in_place(&mut solution)?;
+    system.surface(&solution)
+}
+
+/// Iterates and refines until residuals hold no more shape.
+pub(super) fn refine_to_noise(
+    observations: &Observations,
+    mut surface: Surface,
+    subset: Vec<u32>,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
+    let mut at = vec![[0.0; 2]; observations.len()];
+    let mut noise = SensorNoise::stated(observations);
+    let mut weight = None;
+    let mut searched = false;
+    let mut final_round = false;
+    let (mut reached_limit, mut reached_tolerance) = (false, false);
+    for round in 0.. {
+        let system = SurfaceSystem::new(surface.space())?;
+        let energy = system.thin_plate(&surface)?.expanded(3)?;
+        // Early rounds see a sample: every leaf needs a few dozen readings only.
+        let sample: Vec<u32> = if final_round {
+            subset.clone()
+        } else {
+            let wanted = (40 * surface.space().leaves().len()).max(40_000);
+            subset.iter().copied().step_by(subset.len().div_ceil(wanted).max(1)).collect()
+        };
+        let iterations = if final_round { LAST_ITERATIONS } else { ITERATIONS };
+        let mut feet = Vec::new();
+        for iteration in 0..iterations {
+            let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
+            progress.check(if final_round { "settling" } else { "refining" }, share)?;
+            // Every point is searched once; later its foot is followed from where it was. New points start from a search.
+            let search = if !searched || (final_round && iteration == 0) {
+                Some(FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?)
+            } else {
+                None
+            };
+            searched = true;
+            feet = project(&surface, observations, &sample, &mut at, search.as_ref(), &noise.used);
+            let leverage = (surface.space().node_count() as f64 / sample.len() as f64).min(0.5);
+            noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, 0.5 * leverage, final_round)?;
+            let information = weights(observations, &sample, &feet, &noise, options.gate, !final_round);
+            if !information.iter().any(|&w| w > 0.0) {
+                return Err(Error::undetermined("no reading lies near the surface: do the scans share one frame and unit?"));
+            }
+            let data = accumulate(&system, &surface, &feet, &information)?;
+            let start = weight.unwrap_or_else(|| first_weight(&surface, &information));
+            let step = normal_step(&system, &surface, &data, &energy, start)?;
+            let bend = {
+                let x: Vec<f64> = step.surface.vertices().iter().flatten().copied().collect();
+                energy.quadratic_form(&x)?
+            };
+            if std::env::var("PLANISH_TRACE").is_ok() {
+                let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
+                let before = energy.quadratic_form(&x)?;
+                eprintln!("   it {iteration} noise {:.3e} weight {start:.3e} dof {:.0} bend {before:.1} -> {bend:.1} mismatch {}", noise.estimated[0].sqrt(), step.degrees, feet.iter().filter(|f| f.state != FootState::Good).count());
+            }
+            surface = step.surface;
+            // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, at most tenfold at once.
+            let next = (step.degrees - 1.0).max(1.0) / bend.max(f64::MIN_POSITIVE);
+            weight = Some(next.clamp(0.1 * start, 10.0 * start));
+        }
+        let weight_now = weight.unwrap_or(0.0);
+        if final_round {
+            feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+            noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
+            let energy = system.thin_plate(&surface)?.expanded(3)?;
+            return Ok(Settled {
+                surface,
+                system,
+                subset,
+                feet,
+                noise,
+                weight: weight_now,
+                energy,
+                at,
+                reached_limit,
+                reached_tolerance,
+            });
+        }
+        // What the leaves cannot follow.
+        feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+        let verdict = misfit(&surface, &feet, &noise, observations, &sample, options);
+        if options.tolerance.is_some() && verdict.marked.is_empty() {
+            reached_tolerance = true;
+        }
+        if std::env::var("PLANISH_TRACE").is_ok() {
+            eprintln!(
+                "round {round}: nodes {} leaves {} sample {} sigma {:?} weight {weight_now:.3e} marked {}",
+                surface.space().node_count(), surface.space().leaves().len(), sample.len(),
+                noise.estimated.iter().map(|v| v.sqrt()).collect::<Vec<_>>(), verdict.marked.len()
+            );
+        }
+        if verdict.marked.is_empty() {
+            final_round = true;
+            continue;
+        }
+        let finer = Arc::new(surface.space().refine(&verdict.marked));
+        if finer.node_count() > options.max_coefficients {
+            reached_limit = true;
+            final_round = true;
+            continue;
+        }
+        if finer.node_count() == surface.space().node_count() {
+            final_round = true;
+            continue;
+        }
+        surface = surface.refined(finer)?;
+    }
+    unreachable!("the loop ends by returning")
+}
+
+/// A length of the order of the whole surface.
+fn extent_of(surface: &Surface) -> f64 {
+    let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+        ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
+    });
+    (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max)
+}
+
+/// A smoothing length of one leaf, to start the search for the weight.
+fn first_weight(surface: &Surface, information: &[f64]) -> f64 {
+    let area: f64 = surface.thin_plate(surface.space()).iter().map(|l| l.area).sum();
+    let density = information.iter().sum::<f64>() / area;
+    density * (area / surface.space().leaves().len() as f64).powi(2) * 0.05
+}
+
+/// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found.
+pub(super) fn weights(
+    observations: &Observations,
+    subset: &[u32],
+    feet: &[Foot],
+    noise: &SensorNoise,
+    gate: f64,
+    finding: bool,
+) -> Vec<f64> {
+    subset
+        .iter()
+        .zip(feet)
+        .map(|(&i, foot)| {
+            if foot.state != FootState::Good {
+                return 0.0;
+            }
+            let variance = noise.used[observations.sensor(i as usize)] * foot.variance;
+            let r = foot.height.abs() / variance.sqrt();
+            if finding {
+                // Far readings pull with bounded force: most are shape still to be found, not errors.
+                (if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
+            } else if r <= gate {
+                1.0 / variance
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+/// Leaves whose residuals hold shape.
+struct Misfit {
+    marked: Vec<usize>,
+}
+
+/// Averages residuals over the bins of each leaf and marks the supports of leaves where they are too large to be noise.
+///
+/// Under noise alone `Σ_b n_b m_b²/σ²` is χ² with as many degrees as bins. With a tolerance, the means' own size decides.
+fn misfit(
+    surface: &Surface,
+    feet: &[Foot],
+    noise: &SensorNoise,
+    observations: &Observations,
+    subset: &[u32],
+    options: &FitOptions,
+) -> Misfit {
+    let space = surface.space();
+    let (start, order) = by_leaf(feet, space.leaves().len());
+    let mut bad = vec![false; space.leaves().len()];
+    for leaf in 0..space.leaves().len() {
+        if space.leaves()[leaf].level >= DEEPEST {
+            continue;
+        }
+        let (mut sums, mut precisions) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
+        let mut count = 0;
+        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+            let foot = &feet[k as usize];
+            if foot.state != FootState::Good {
+                continue;
+            }
+            let variance = noise.used[observations.sensor(subset[k as usize] as usize)] * foot.variance;
+            // Huber's mean: one wild reading must not split a leaf.
+            let r = foot.height.abs() / variance.sqrt();
+            let w = (if r > 3.0 { 3.0 / r } else { 1.0 }) / variance;
+            let bin = ((foot.local[1] * BINS as f64) as usize).min(BINS - 1) * BINS
+                + ((foot.local[0] * BINS as f64) as usize).min(BINS - 1);
+            sums[bin] += w * foot.height;
+            precisions[bin] += w;
+            count += 1;
+        }
+        if count < LEAST_READINGS {
+            continue;
+        }
+        let filled = precisions.iter().filter(|&&p| p > 0.0).count() as f64;
+        let chi2: f64 = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| s * s / p).sum();
+        bad[leaf] = match options.tolerance {
+            None => chi2 > filled + 4.0 * (2.0 * filled).sqrt(),
+            Some(tolerance) => {
+                let worst = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| (s / p).abs()).fold(0.0, f64::max);
+                worst > tolerance && chi2 > filled + 2.0 * (2.0 * filled).sqrt()
+            }
+        };
+    }
+    // Whole 2 × 2 blocks around each bad leaf, towards its worse side, would activate one function; its eight neighbours make
+    // sure that the functions centred on it are all there.
+    let mut marked = Vec::new();
+    for (leaf, &cell) in space.leaves().iter().enumerate() {
+        if !bad[leaf] {
+            continue;
+        }
+        for dv in [-0.5, 0.5, 1.5] {
+            for du in [-0.5, 0.5, 1.5] {
+                let [u, v] = space.parameters(leaf, [du, dv]);
+                let (other, _) = space.locate(u, v);
+                if space.leaves()[other].level <= cell.level {
+                    marked.push(other);
+                }
+            }
+        }
+    }
+    marked.sort_unstable();
+    marked.dedup();
+    Misfit { marked }
+}
+
+/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
+pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
+    let space = surface.space();
+    let mut own = vec![false; space.leaves().len()];
+    for (foot, &w) in feet.iter().zip(information) {
+        own[foot.leaf as usize] |= w > 0.0;
+    }
+    let mut observed = own.clone();
+    for leaf in 0..own.len() {
+        if own[leaf] {
+            for dv in [-0.5, 0.5, 1.5] {
+                for du in [-0.5, 0.5, 1.5] {
+                    let [u, v] = space.parameters(leaf, [du, dv]);
+                    observed[space.locate(u, v).0] = true;
+                }
+            }
+        }
+    }
+    observed
+}
+
+/// Area of each leaf, and σ at its middle quadrature points left to the caller.
+pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
+    let space = surface.space();
+    (0..space.leaves().len())
+        .map(|leaf| {
+            let side = space.leaves()[leaf].side();
+            quadrature()
+                .iter()
+                .map(|q| {
+                    let jet = surface.leaf_jet(leaf, q.local[0], q.local[1]);
+                    let [e, f, g] = jet.first_form();
+                    q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
+                })
+                .sum()
+        })
+        .collect()
+}
+
+/// Mean signed facing of scan normals: negative when the surface is inside out.
+pub(super) fn facing(observations: &Observations, subset: &[u32], feet: &[Foot]) -> f64 {
+    subset.iter().zip(feet).map(|(&i, foot)| dot(observations.normal(i as usize), foot.normal)).sum()
+}
