@@ -34,6 +34,20 @@ pub struct LeafEnergy {
     pub area: f64,
 }
 
+impl LeafEnergy {
+    /// The energy of a leaf's sixteen coefficients, summed over the three coordinates: `∫ κ1² + κ2² dA` to leading order.
+    #[must_use]
+    pub fn of(&self, coefficients: &[[f64; 3]; 16]) -> f64 {
+        let mut sum = 0.0;
+        for k in 0..16 {
+            for l in 0..16 {
+                sum += self.thin_plate[k][l] * dot(coefficients[k], coefficients[l]);
+            }
+        }
+        sum
+    }
+}
+
 /// A quadrature point of a leaf, for other integrals over the surface.
 #[derive(Debug, Clone, Copy)]
 pub struct QuadraturePoint {

@@ -13,6 +13,7 @@ mod hierarchy;
 mod refinement;
 mod surface;
 mod system;
+mod tessellation;
 
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
@@ -25,3 +26,4 @@ pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
+pub use tessellation::{Tessellation, TessellationOptions, tessellate};

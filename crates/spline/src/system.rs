@@ -4,7 +4,7 @@
 //! and factors. Three unknowns a node: the coordinates of its vertex. Made once for a hierarchy and used for every iteration.
 
 use crate::cell_information::{CellInformation, scalar_element};
-use crate::energy::{QuadraturePoint, quadrature};
+use crate::energy::{LeafEnergy, QuadraturePoint, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
 use planish_estimate::Result;
@@ -104,8 +104,16 @@ impl SurfaceSystem {
     /// # Errors
     /// `Input` when the matrix would be too large.
     pub fn thin_plate(&self, reference: &Surface) -> Result<BlockInformation> {
+        self.assemble_energy(&reference.thin_plate(&self.space))
+    }
+
+    /// The matrix `K` of one coordinate from the energies of all leaves.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn assemble_energy(&self, leaves: &[LeafEnergy]) -> Result<BlockInformation> {
         let mut energy = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        for (leaf, form) in reference.thin_plate(&self.space).iter().enumerate() {
+        for (leaf, form) in leaves.iter().enumerate() {
             energy.add_scattered(&self.scatters[leaf], &scalar_element(&self.space, leaf, &form.thin_plate), &vec![0.0; 3 * self.scatters[leaf].nodes().len()])?;
         }
         Ok(energy)

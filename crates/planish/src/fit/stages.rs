@@ -23,12 +23,17 @@ const BASE_CELLS: usize = 128;
 /// Points that are enough to find a first shape.
 const ENOUGH_FOR_SHAPE: usize = 30_000;
 /// Iterations between two refinements, and at the end.
-const ITERATIONS: usize = 3;
-const LAST_ITERATIONS: usize = 4;
+const ITERATIONS: usize = 2;
+const LAST_ITERATIONS: usize = 3;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
 const LEAST_READINGS: usize = 24;
+/// Readings that an early round looks at, for each leaf.
+const SAMPLE_PER_LEAF: usize = 15;
+/// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
+const MOST_BEND_OF_A_LEAF: f64 = 2.5;
+const STIFFENING: f64 = 100.0;
 /// Deepest level below the base grid.
 const DEEPEST: u8 = 7;
 
@@ -123,61 +128,64 @@ pub(super) fn refine_to_noise(
 ) -> Result<Settled> {
     let mut at = vec![[0.0; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
+    // Every reading is searched for once, with its normal; later its foot is followed from where it was.
+    let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
+    project(&surface, observations, &subset, &mut at, Some(&search), &noise.used);
     let mut weight = None;
-    let mut searched = false;
     let mut final_round = false;
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     for round in 0.. {
         let system = SurfaceSystem::new(surface.space())?;
-        let energy = system.thin_plate(&surface)?.expanded(3)?;
         // Early rounds see a sample: every leaf needs a few dozen readings only.
         let sample: Vec<u32> = if final_round {
             subset.clone()
         } else {
-            let wanted = (40 * surface.space().leaves().len()).max(40_000);
-            subset.iter().copied().step_by(subset.len().div_ceil(wanted).max(1)).collect()
+            let wanted = (SAMPLE_PER_LEAF * surface.space().leaves().len()).max(40_000);
+            subset.iter().copied().step_by((subset.len() / wanted).max(1)).collect()
         };
         let iterations = if final_round { LAST_ITERATIONS } else { ITERATIONS };
-        let mut feet = Vec::new();
+        let mut feet;
+        let mut energy = BendingEnergy::new(&system, &surface)?;
         for iteration in 0..iterations {
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
-            // Every point is searched once; later its foot is followed from where it was. New points start from a search.
-            let search = if !searched || (final_round && iteration == 0) {
-                Some(FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?)
+            let clock = std::time::Instant::now();
+            if final_round && iteration == 0 {
+                let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
+                feet = project(&surface, observations, &sample, &mut at, Some(&search), &noise.used);
             } else {
-                None
-            };
-            searched = true;
-            feet = project(&surface, observations, &sample, &mut at, search.as_ref(), &noise.used);
+                feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+            }
+            let t1 = clock.elapsed();
             let leverage = (surface.space().node_count() as f64 / sample.len() as f64).min(0.5);
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, 0.5 * leverage, final_round)?;
             let information = weights(observations, &sample, &feet, &noise, options.gate, !final_round);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined("no reading lies near the surface: do the scans share one frame and unit?"));
             }
+            let t2 = clock.elapsed();
             let data = accumulate(&system, &surface, &feet, &information)?;
+            let t3 = clock.elapsed();
             let start = weight.unwrap_or_else(|| first_weight(&surface, &information));
-            let step = normal_step(&system, &surface, &data, &energy, start)?;
-            let bend = {
-                let x: Vec<f64> = step.surface.vertices().iter().flatten().copied().collect();
-                energy.quadratic_form(&x)?
-            };
-            if std::env::var("PLANISH_TRACE").is_ok() {
-                let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
-                let before = energy.quadratic_form(&x)?;
-                eprintln!("   it {iteration} noise {:.3e} weight {start:.3e} dof {:.0} bend {before:.1} -> {bend:.1} mismatch {}", noise.estimated[0].sqrt(), step.degrees, feet.iter().filter(|f| f.state != FootState::Good).count());
-            }
+            let step = normal_step(&system, &surface, &data, &energy.matrix, start)?;
+            let t4 = clock.elapsed();
             surface = step.surface;
-            // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, at most tenfold at once.
-            let next = (step.degrees - 1.0).max(1.0) / bend.max(f64::MIN_POSITIVE);
-            weight = Some(next.clamp(0.1 * start, 10.0 * start));
+            energy = BendingEnergy::new(&system, &surface)?;
+            // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
+            let next = (step.degrees - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
+            weight = Some(next.clamp(0.2 * start, 5.0 * start));
+            if std::env::var("PLANISH_TRACE").is_ok() {
+                eprintln!(
+                    "   it {iteration} noise {:.3e} weight {start:.3e} dof {:.0} bend {:.1} stiffened {} mismatch {} times {t1:.2?} {t2:.2?} {t3:.2?} {t4:.2?} {:.2?}",
+                    noise.estimated[0].sqrt(), step.degrees, energy.total, energy.stiffened,
+                    feet.iter().filter(|f| f.state != FootState::Good).count(), clock.elapsed()
+                );
+            }
         }
         let weight_now = weight.unwrap_or(0.0);
         if final_round {
             feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
             noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
-            let energy = system.thin_plate(&surface)?.expanded(3)?;
             return Ok(Settled {
                 surface,
                 system,
@@ -185,7 +193,7 @@ pub(super) fn refine_to_noise(
                 feet,
                 noise,
                 weight: weight_now,
-                energy,
+                energy: energy.matrix,
                 at,
                 reached_limit,
                 reached_tolerance,
@@ -204,7 +212,7 @@ pub(super) fn refine_to_noise(
                 noise.estimated.iter().map(|v| v.sqrt()).collect::<Vec<_>>(), verdict.marked.len()
             );
         }
-        if verdict.marked.is_empty() {
+        if verdict.marked.len() * 100 < surface.space().leaves().len() {
             final_round = true;
             continue;
         }
@@ -221,6 +229,41 @@ pub(super) fn refine_to_noise(
         surface = surface.refined(finer)?;
     }
     unreachable!("the loop ends by returning")
+}
+
+/// The prior's energy at a surface, in its own metric.
+struct BendingEnergy {
+    /// `K ⊗ I₃`.
+    matrix: BlockInformation,
+    /// `∫ κ1² + κ2² dA` over the leaves that are bent within reason.
+    total: f64,
+    /// How many leaves were not.
+    stiffened: usize,
+}
+
+impl BendingEnergy {
+    /// Assembles the thin plate; leaves that bend more than they can resolve count [`STIFFENING`] times as much.
+    ///
+    /// A leaf whose normal turns by more than a quarter is a fold or a spike, or the shape is finer than the leaf: either way it is
+    /// to be smooth until refinement shows otherwise, and must not tell how smooth the rest is.
+    fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
+        let mut leaves = surface.thin_plate(system.space());
+        let (mut total, mut stiffened) = (0.0, 0);
+        for (leaf, energy) in leaves.iter_mut().enumerate() {
+            let bend = energy.of(surface.leaf_coefficients(leaf));
+            if bend > MOST_BEND_OF_A_LEAF {
+                stiffened += 1;
+                for row in &mut energy.thin_plate {
+                    for entry in row {
+                        *entry *= STIFFENING;
+                    }
+                }
+            } else {
+                total += bend;
+            }
+        }
+        Ok(Self { matrix: system.assemble_energy(&leaves)?.expanded(3)?, total, stiffened })
+    }
 }
 
 /// A length of the order of the whole surface.
@@ -258,7 +301,7 @@ pub(super) fn weights(
             let r = foot.height.abs() / variance.sqrt();
             if finding {
                 // Far readings pull with bounded force: most are shape still to be found, not errors.
-                (if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
+                (if r > 20.0 { 0.0 } else if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
             } else if r <= gate {
                 1.0 / variance
             } else {

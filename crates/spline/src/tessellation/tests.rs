@@ -1,0 +1,232 @@
+use super::*;
+use crate::base::BaseShape;
+use crate::hierarchy::Hierarchy;
+use planish_estimate::vector3::{add_scaled, scale, sub};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+const SHAPES: [Shape; 4] = [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus];
+
+/// A repeatable value in [−1, 1).
+fn noise(n: usize) -> f64 {
+    let mut x = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x ^= x >> 29;
+    x = x.wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x ^= x >> 32;
+    (x >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
+
+fn base(shape: Shape) -> BaseShape {
+    let axis = [0.0, 0.6, 0.8];
+    match shape {
+        Shape::Sheet => BaseShape::plane([1.0, 2.0, 3.0], [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], [2.0, 1.5]),
+        Shape::Tube => BaseShape::cylinder([1.0, 2.0, 3.0], axis, 1.0, 2.0),
+        Shape::Ball => BaseShape::sphere([1.0, 2.0, 3.0], 1.5, axis),
+        Shape::Torus => BaseShape::torus([1.0, 2.0, 3.0], axis, 2.0, 0.7),
+    }
+}
+
+/// A bumpy surface refined here and there, `rounds` levels deep.
+fn bumpy(shape: Shape, rounds: usize, seed: usize) -> Surface {
+    let mut surface = base(shape).surface([8, 6]).unwrap();
+    for round in 0..=rounds {
+        let bump = 0.1 * 0.5_f64.powi(round as i32);
+        let vertices = surface.vertices().iter().enumerate().map(|(n, p)| {
+            let at = 3 * n + 1000 * round + 77 * seed;
+            add_scaled(*p, bump, [noise(at), noise(at + 1), noise(at + 2)])
+        });
+        surface = surface.with_vertices(vertices.collect()).unwrap();
+        if round < rounds {
+            let supports = surface.space().support_leaves();
+            let marked: Vec<usize> = (0..supports.len())
+                .filter(|&n| noise(seed + 10_000 * (round + 1) + n) > 0.85)
+                .flat_map(|n| supports[n].iter().map(|&leaf| leaf as usize))
+                .collect();
+            surface = surface.refined(surface.space().refine(&marked).into()).unwrap();
+        }
+    }
+    surface
+}
+
+/// Proves that edges have one triangle or two, which run along them opposite ways, and that vertices are used; gives
+/// border edges and the Euler characteristic.
+fn check(mesh: &Tessellation) -> (usize, i64) {
+    let mut edges: HashMap<[u32; 2], i64> = HashMap::new();
+    let mut used = vec![false; mesh.positions.len()];
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            assert_ne!(a, b, "a collapsed triangle {t:?}");
+            used[a as usize] = true;
+            assert!(
+                edges.insert([a, b], 1).is_none(),
+                "two triangles run along {a}-{b} the same way"
+            );
+        }
+    }
+    assert!(used.iter().all(|&u| u), "an unused vertex");
+    let border = edges.keys().filter(|&&[a, b]| !edges.contains_key(&[b, a])).count();
+    let distinct = (edges.len() + border) / 2;
+    let euler = mesh.positions.len() as i64 - distinct as i64 + mesh.triangles.len() as i64;
+    (border, euler)
+}
+
+fn options(tolerance: f64) -> TessellationOptions {
+    TessellationOptions {
+        tolerance,
+        ..TessellationOptions::default()
+    }
+}
+
+#[test]
+fn meshes_have_no_cracks_whatever_the_levels() {
+    for shape in SHAPES {
+        for (rounds, seed) in [(0, 0), (1, 1), (2, 2), (3, 3), (3, 4)] {
+            let surface = bumpy(shape, rounds, seed);
+            assert_eq!(surface.space().levels(), rounds + 1, "{shape:?}: refinement was empty");
+            for tolerance in [1.0, 0.03, 0.003, 0.0003] {
+                let mesh = tessellate(&surface, &options(tolerance)).unwrap();
+                let (border, euler) = check(&mesh);
+                let expected = match shape {
+                    Shape::Sheet => 1,
+                    Shape::Ball => 2,
+                    Shape::Tube | Shape::Torus => 0,
+                };
+                assert_eq!(euler, expected, "{shape:?} {rounds} {tolerance}");
+                let closed = matches!(shape, Shape::Ball | Shape::Torus);
+                assert_eq!(
+                    border == 0,
+                    closed,
+                    "{shape:?} {rounds} {tolerance}: {border} border edges"
+                );
+                assert_eq!(mesh.limited_leaves, 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn vertices_lie_on_the_surface_at_their_parameters() {
+    for shape in SHAPES {
+        let surface = bumpy(shape, 2, 5);
+        let mesh = tessellate(&surface, &options(0.01)).unwrap();
+        for n in 0..mesh.positions.len() {
+            let [u, v] = mesh.parameters[n];
+            let p = surface.point(u, v);
+            assert!(distance(p, mesh.positions[n]) < 1e-12, "{shape:?}");
+            assert_eq!(
+                surface.space().parameters(mesh.leaf[n] as usize, mesh.local[n]),
+                mesh.parameters[n]
+            );
+            let normal = surface.normal(u, v).unwrap();
+            assert!(distance(normal, mesh.normals[n]) < 1e-6, "{shape:?} at {u} {v}");
+        }
+    }
+}
+
+#[test]
+fn triangles_turn_around_the_normals_and_a_ball_faces_outward() {
+    for shape in SHAPES {
+        let surface = base(shape).surface([12, 8]).unwrap();
+        let mesh = tessellate(&surface, &options(0.003)).unwrap();
+        let mut volume = 0.0;
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|n| mesh.positions[n as usize]);
+            let n = cross(sub(b, a), sub(c, a));
+            volume += dot(sub(a, [1.0, 2.0, 3.0]), n) / 6.0;
+            for &corner in t {
+                assert!(dot(n, mesh.normals[corner as usize]) > 0.0, "{shape:?}");
+            }
+        }
+        let pi = std::f64::consts::PI;
+        match shape {
+            Shape::Ball => assert!((volume / (4.0 / 3.0 * pi * 1.5_f64.powi(3)) - 1.0).abs() < 0.01),
+            Shape::Torus => assert!((volume / (2.0 * pi * pi * 2.0 * 0.49) - 1.0).abs() < 0.02),
+            Shape::Sheet | Shape::Tube => {}
+        }
+    }
+}
+
+#[test]
+fn a_pole_is_one_vertex_with_its_normal() {
+    let axis = [0.0, 0.6, 0.8];
+    let surface = base(Shape::Ball).surface([12, 8]).unwrap();
+    let mesh = tessellate(&surface, &options(0.001)).unwrap();
+    for (v, side) in [(0.0, -1.0), (8.0, 1.0)] {
+        let there: Vec<usize> = (0..mesh.positions.len())
+            .filter(|&n| mesh.parameters[n][1] == v)
+            .collect();
+        assert_eq!(there.len(), 1);
+        assert!(distance(mesh.normals[there[0]], scale(side, axis)) < 1e-9);
+    }
+}
+
+#[test]
+fn a_plane_takes_two_triangles_for_each_leaf() {
+    let surface = base(Shape::Sheet).surface([5, 4]).unwrap();
+    let mesh = tessellate(&surface, &options(1e-9)).unwrap();
+    assert_eq!(mesh.triangles.len(), 40);
+}
+
+#[test]
+fn the_limit_of_divisions_is_kept_and_told() {
+    let surface = bumpy(Shape::Torus, 1, 8);
+    let limited = TessellationOptions {
+        tolerance: 1e-12,
+        max_divisions: 5,
+    };
+    let mesh = tessellate(&surface, &limited).unwrap();
+    assert_eq!(mesh.limited_leaves, surface.space().leaves().len());
+    assert_eq!(mesh.triangles.len(), {
+        // Beside finer leaves a fan has more than two triangles.
+        let grid: usize = surface.space().leaves().len() * 32;
+        assert!(mesh.triangles.len() > grid && mesh.triangles.len() < 2 * grid);
+        mesh.triangles.len()
+    });
+    check(&mesh);
+}
+
+#[test]
+fn wrong_options_are_refused() {
+    let surface = base(Shape::Sheet).surface([2, 2]).unwrap();
+    for (tolerance, max_divisions) in [
+        (0.0, 8),
+        (-1.0, 8),
+        (f64::NAN, 8),
+        (f64::INFINITY, 8),
+        (1.0, 0),
+        (1.0, 65),
+    ] {
+        let wrong = TessellationOptions {
+            tolerance,
+            max_divisions,
+        };
+        assert!(tessellate(&surface, &wrong).is_err(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn a_collapsed_patch_still_gets_normals() {
+    // One corner of a sheet with its sixteen coefficients' first rows drawn into a point: S_u = 0 there.
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
+    let vertices = space
+        .node_anchors()
+        .iter()
+        .map(|&[u, v]| [u * v.max(0.0), v, 0.0])
+        .collect();
+    let surface = Surface::new(space, vertices).unwrap();
+    let mesh = tessellate(&surface, &options(0.01)).unwrap();
+    for n in &mesh.normals {
+        assert!((norm(*n) - 1.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn the_mesh_does_not_depend_on_the_number_of_threads() {
+    let surface = bumpy(Shape::Ball, 3, 9);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| tessellate(&surface, &options(0.001)).unwrap())
+    };
+    assert_eq!(run(1), run(3));
+}
