@@ -8,6 +8,7 @@ use crate::energy::{LeafEnergy, QuadraturePoint, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
 use planish_estimate::Result;
+use planish_estimate::vector3::dot;
 use planish_estimate::sparse::{BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -88,6 +89,62 @@ impl SurfaceSystem {
                         cell.element(&self.space, leaf, &mut matrix, &mut vector);
                         (matrix, vector)
                     })
+                })
+                .collect();
+            for (&leaf, element) in batch.iter().zip(&elements) {
+                if let Some((matrix, vector)) = element {
+                    information.add_scattered(&self.scatters[leaf], matrix, vector)?;
+                }
+            }
+        }
+        Ok(information)
+    }
+
+    /// Accumulates scalar rows over the nodes themselves, one unknown a node: `rows(leaf, add)` calls `add(weights over the
+    /// sixteen coefficients, direction, value, information)` for each measurement, and vertex `a` may move along `directions[a]` only.
+    ///
+    /// The cheaper way where leaves hold few readings: about `n (16 + n/2)` multiply-adds a reading for `n` nodes on its leaf.
+    ///
+    /// # Errors
+    /// `Input` when the matrix would be too large.
+    pub fn accumulate_along(
+        &self,
+        directions: &[[f64; 3]],
+        rows: impl Fn(usize, &mut dyn FnMut(&[f64; 16], [f64; 3], f64, f64)) + Sync,
+    ) -> Result<BlockInformation> {
+        let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
+        let leaves: Vec<usize> = (0..self.scatters.len()).collect();
+        for batch in leaves.chunks(BATCH) {
+            let elements: Vec<Option<(Vec<f64>, Vec<f64>)>> = batch
+                .par_iter()
+                .with_min_len(16)
+                .map(|&leaf| {
+                    let (nodes, weights) = self.space.extraction(leaf);
+                    let n = nodes.len();
+                    let mut made: Option<(Vec<f64>, Vec<f64>)> = None;
+                    let mut row = vec![0.0; n];
+                    rows(leaf, &mut |c, direction, value, w| {
+                        let (matrix, vector) = made.get_or_insert_with(|| (vec![0.0; n * n], vec![0.0; n]));
+                        for a in 0..n {
+                            let along = dot(direction, directions[nodes[a] as usize]);
+                            row[a] = along * weights[a].iter().zip(c).map(|(e, b)| e * b).sum::<f64>();
+                        }
+                        for a in 0..n {
+                            let wa = w * row[a];
+                            vector[a] += wa * value;
+                            for (m, r) in matrix[a * n..a * n + a + 1].iter_mut().zip(&row) {
+                                *m += wa * r;
+                            }
+                        }
+                    });
+                    if let Some((matrix, _)) = &mut made {
+                        for a in 0..n {
+                            for b in 0..a {
+                                matrix[b * n + a] = matrix[a * n + b];
+                            }
+                        }
+                    }
+                    made
                 })
                 .collect();
             for (&leaf, element) in batch.iter().zip(&elements) {

@@ -141,45 +141,69 @@ pub(super) struct NormalStep {
 /// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of three.
 ///
 /// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found; the factor costs
-/// a twenty-seventh of the full one.
+/// a twenty-seventh of the full one. `information` weighs the feet; `earlier` is information of three coordinates that is there already.
 pub(super) fn normal_step(
     system: &SurfaceSystem,
     surface: &Surface,
-    data: &BlockInformation,
+    feet: &[Foot],
+    information: &[f64],
     prior: &BlockInformation,
     weight: f64,
+    earlier: Option<&BlockInformation>,
 ) -> Result<NormalStep> {
     let space = system.space();
     let directions: Vec<[f64; 3]> = space
         .node_anchors()
-        .iter()
+        .par_iter()
+        .with_min_len(256)
         .map(|a| {
             let [u, v] = space.wrap(a[0], a[1]);
             surface.normal(u, v).unwrap_or([0.0; 3])
         })
         .collect();
+    let (start, order) = by_leaf(feet, space.leaves().len());
+    let mut data = system.accumulate_along(&directions, |leaf, add| {
+        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+            let (foot, w) = (&feet[k as usize], information[k as usize]);
+            if w > 0.0 {
+                add(&leaf_weights(foot.local[0], foot.local[1]), foot.normal, foot.height, w);
+            }
+        }
+    })?;
     let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
-    let mut total = data.clone();
-    total.add_scaled(prior, weight)?;
-    let mut gradient = vec![0.0; x.len()];
-    total.multiply(&x, &mut gradient)?;
-    for (g, eta) in gradient.iter_mut().zip(total.vector()) {
-        *g = eta - *g;
+    // What pulls the vertices already: −w K x of the prior, η − Λ x of earlier data.
+    let mut pull = vec![0.0; x.len()];
+    prior.multiply(&x, &mut pull)?;
+    for (p, eta) in pull.iter_mut().zip(prior.vector()) {
+        *p = weight * (eta - *p);
     }
-    let contracted_data = contract(system, data, &directions)?;
-    let mut matrix = contract(system, &total, &directions)?;
+    if let Some(earlier) = earlier {
+        let mut there = vec![0.0; x.len()];
+        earlier.multiply(&x, &mut there)?;
+        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
+            *p += eta - t;
+        }
+        data.add_scaled(&contract(system, earlier, &directions)?, 1.0)?;
+    }
+    let mut matrix = contract(system, prior, &directions)?;
+    for value in matrix.values_mut() {
+        *value *= weight;
+    }
+    matrix.add_scaled(&data, 1.0)?;
     let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
     let factor = system.factorize_scalar(&matrix)?;
-    let mut step: Vec<f64> =
-        gradient.chunks_exact(3).zip(&directions).map(|(g, d)| g[0] * d[0] + g[1] * d[1] + g[2] * d[2]).collect();
+    let mut step: Vec<f64> = data.vector().to_vec();
+    for ((s, p), d) in step.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
+        *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
+    }
     factor.solve_in_place(&mut step)?;
-    let degrees = stochastic_trace(&factor, &contracted_data, 8, 1)?.value;
+    let degrees = stochastic_trace(&factor, &data, 8, 1)?.value;
     let vertices = surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
     Ok(NormalStep { surface: surface.with_vertices(vertices.collect())?, degrees })
 }
 
-/// `d_iᵀ Λ_ij d_j` of a matrix of 3 × 3 blocks.
+/// `d_iᵀ Λ_ij d_j` of a matrix of 3 × 3 blocks or, with one unknown a node, of `Λ ⊗ I`.
 fn contract(system: &SurfaceSystem, information: &BlockInformation, d: &[[f64; 3]]) -> Result<BlockInformation> {
     let pattern = system.pattern();
     let mut out = BlockInformation::zeros(Arc::clone(pattern), 1, 1)?;

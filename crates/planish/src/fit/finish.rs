@@ -18,8 +18,8 @@ use rayon::prelude::*;
 
 /// σ of tangential motion, as a share of a leaf's size.
 const TANGENTIAL_HOLD: f64 = 0.5;
-/// Full Gauss–Newton steps: the first moves what the normal steps could not, the second linearises at the result.
-const FULL_STEPS: usize = 2;
+/// Full Gauss–Newton steps: normal steps have settled the shape, so one that frees the other two coordinates is enough.
+const FULL_STEPS: usize = 1;
 
 /// Solves for all coordinates and reports; `earlier` is the model that the scans add to.
 pub(super) fn finish(
@@ -175,9 +175,7 @@ pub(super) fn place(
             break;
         }
         let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-        let mut data = accumulate(&system, &surface, &feet, &information)?;
-        data.add_scaled(&model.data, 1.0)?;
-        surface = normal_step(&system, &surface, &data, &model.prior, 1.0)?.surface;
+        surface = normal_step(&system, &surface, &feet, &information, &model.prior, 1.0, Some(&model.data))?.surface;
     }
     Ok(Settled {
         surface,

@@ -4,18 +4,18 @@
 //! information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
-use super::engine::{Foot, FootState, accumulate, by_leaf, normal_step, project};
+use super::engine::{Foot, FootState, by_leaf, normal_step, project};
 use super::growth::grow;
 use super::indicator::Indicator;
 use super::noise::SensorNoise;
 use super::observations::Observations;
 use crate::progress::Progress;
 use planish_estimate::sparse::BlockInformation;
-use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_spline::{
-    BaseShape, FootPointSearch, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights, quadrature,
+    BaseShape, FootPointSearch, LeafEnergy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights, quadrature,
 };
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Cells of the base grid, about.
@@ -24,11 +24,13 @@ const BASE_CELLS: usize = 128;
 const ENOUGH_FOR_SHAPE: usize = 30_000;
 /// Iterations between two refinements, and at the end.
 const ITERATIONS: usize = 2;
-const LAST_ITERATIONS: usize = 3;
+const LAST_ITERATIONS: usize = 2;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
-const LEAST_READINGS: usize = 24;
+const LEAST_READINGS: u32 = 24;
+/// Shape worth a split explains at least this share of the variance of a leaf's readings.
+const WORTHWHILE: f64 = 0.06;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 15;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
@@ -145,6 +147,7 @@ pub(super) fn refine_to_noise(
         };
         let iterations = if final_round { LAST_ITERATIONS } else { ITERATIONS };
         let mut feet;
+        // The metric stays that of the surface at the start of the round.
         let mut energy = BendingEnergy::new(&system, &surface)?;
         for iteration in 0..iterations {
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
@@ -164,13 +167,12 @@ pub(super) fn refine_to_noise(
                 return Err(Error::undetermined("no reading lies near the surface: do the scans share one frame and unit?"));
             }
             let t2 = clock.elapsed();
-            let data = accumulate(&system, &surface, &feet, &information)?;
             let t3 = clock.elapsed();
             let start = weight.unwrap_or_else(|| first_weight(&surface, &information));
-            let step = normal_step(&system, &surface, &data, &energy.matrix, start)?;
+            let step = normal_step(&system, &surface, &feet, &information, &energy.matrix, start, None)?;
             let t4 = clock.elapsed();
             surface = step.surface;
-            energy = BendingEnergy::new(&system, &surface)?;
+            energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
             let next = (step.degrees - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
             weight = Some(next.clamp(0.2 * start, 5.0 * start));
@@ -186,6 +188,8 @@ pub(super) fn refine_to_noise(
         if final_round {
             feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
             noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
+            // The prior of the model that goes out is that of its own metric.
+            let energy = BendingEnergy::new(&system, &surface)?;
             return Ok(Settled {
                 surface,
                 system,
@@ -235,6 +239,7 @@ pub(super) fn refine_to_noise(
 struct BendingEnergy {
     /// `K ⊗ I₃`.
     matrix: BlockInformation,
+    leaves: Vec<LeafEnergy>,
     /// `∫ κ1² + κ2² dA` over the leaves that are bent within reason.
     total: f64,
     /// How many leaves were not.
@@ -248,21 +253,28 @@ impl BendingEnergy {
     /// to be smooth until refinement shows otherwise, and must not tell how smooth the rest is.
     fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
         let mut leaves = surface.thin_plate(system.space());
-        let (mut total, mut stiffened) = (0.0, 0);
         for (leaf, energy) in leaves.iter_mut().enumerate() {
-            let bend = energy.of(surface.leaf_coefficients(leaf));
-            if bend > MOST_BEND_OF_A_LEAF {
-                stiffened += 1;
-                for row in &mut energy.thin_plate {
-                    for entry in row {
-                        *entry *= STIFFENING;
-                    }
+            if energy.of(surface.leaf_coefficients(leaf)) > MOST_BEND_OF_A_LEAF {
+                for entry in energy.thin_plate.iter_mut().flatten() {
+                    *entry *= STIFFENING;
                 }
-            } else {
-                total += bend;
             }
         }
-        Ok(Self { matrix: system.assemble_energy(&leaves)?.expanded(3)?, total, stiffened })
+        let matrix = system.assemble_energy(&leaves)?.expanded(3)?;
+        let mut made = Self { matrix, leaves, total: 0.0, stiffened: 0 };
+        made.measure(surface);
+        Ok(made)
+    }
+
+    /// The energy of a surface in this metric, leaves that bend beyond reason left out.
+    fn measure(&mut self, surface: &Surface) {
+        let bends: Vec<f64> = (0..self.leaves.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|leaf| self.leaves[leaf].of(surface.leaf_coefficients(leaf)))
+            .collect();
+        self.total = bends.iter().filter(|&&b| b <= MOST_BEND_OF_A_LEAF).sum();
+        self.stiffened = bends.iter().filter(|&&b| b > MOST_BEND_OF_A_LEAF).count();
     }
 }
 
@@ -335,7 +347,7 @@ fn misfit(
             continue;
         }
         let (mut sums, mut precisions) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
-        let mut count = 0;
+        let mut count = 0_u32;
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let foot = &feet[k as usize];
             if foot.state != FootState::Good {
@@ -357,7 +369,7 @@ fn misfit(
         let filled = precisions.iter().filter(|&&p| p > 0.0).count() as f64;
         let chi2: f64 = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| s * s / p).sum();
         bad[leaf] = match options.tolerance {
-            None => chi2 > filled + 4.0 * (2.0 * filled).sqrt(),
+            None => chi2 > filled + (4.0 * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(count)),
             Some(tolerance) => {
                 let worst = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| (s / p).abs()).fold(0.0, f64::max);
                 worst > tolerance && chi2 > filled + 2.0 * (2.0 * filled).sqrt()
@@ -423,9 +435,4 @@ pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
                 .sum()
         })
         .collect()
-}
-
-/// Mean signed facing of scan normals: negative when the surface is inside out.
-pub(super) fn facing(observations: &Observations, subset: &[u32], feet: &[Foot]) -> f64 {
-    subset.iter().zip(feet).map(|(&i, foot)| dot(observations.normal(i as usize), foot.normal)).sum()
 }
