@@ -84,7 +84,7 @@ fn meshes_have_no_cracks_whatever_the_levels() {
         for (rounds, seed) in [(0, 0), (1, 1), (2, 2), (3, 3), (3, 4)] {
             let surface = bumpy(shape, rounds, seed);
             assert_eq!(surface.space().levels(), rounds + 1, "{shape:?}: refinement was empty");
-            for tolerance in [1.0, 0.03, 0.003, 0.0003] {
+            for tolerance in [1.0, 0.03, 0.003] {
                 let mesh = tessellate(&surface, &options(tolerance)).unwrap();
                 let (border, euler) = check(&mesh);
                 let expected = match shape {
@@ -177,12 +177,9 @@ fn the_limit_of_divisions_is_kept_and_told() {
     };
     let mesh = tessellate(&surface, &limited).unwrap();
     assert_eq!(mesh.limited_leaves, surface.space().leaves().len());
-    assert_eq!(mesh.triangles.len(), {
-        // Beside finer leaves a fan has more than two triangles.
-        let grid: usize = surface.space().leaves().len() * 32;
-        assert!(mesh.triangles.len() > grid && mesh.triangles.len() < 2 * grid);
-        mesh.triangles.len()
-    });
+    // Four divisions each way; beside finer leaves a fan takes more than two triangles.
+    let grid = surface.space().leaves().len() * 32;
+    assert!(mesh.triangles.len() > grid && mesh.triangles.len() < 2 * grid);
     check(&mesh);
 }
 
@@ -207,14 +204,15 @@ fn wrong_options_are_refused() {
 
 #[test]
 fn a_collapsed_patch_still_gets_normals() {
-    // One corner of a sheet with its sixteen coefficients' first rows drawn into a point: S_u = 0 there.
+    // The first three rows of vertices each drawn into one point: S_u = 0 along v = 0.
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
     let vertices = space
         .node_anchors()
         .iter()
-        .map(|&[u, v]| [u * v.max(0.0), v, 0.0])
+        .map(|&[u, v]| [u * (v - 1.0).max(0.0), v, 0.0])
         .collect();
     let surface = Surface::new(space, vertices).unwrap();
+    assert!(surface.normal(1.0, 0.0).is_none());
     let mesh = tessellate(&surface, &options(0.01)).unwrap();
     for n in &mesh.normals {
         assert!((norm(*n) - 1.0).abs() < 1e-12);
