@@ -30,9 +30,9 @@ const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
 const LEAST_READINGS: u32 = 24;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
-const WORTHWHILE: f64 = 0.06;
+const WORTHWHILE: f64 = 0.1;
 /// Readings that an early round looks at, for each leaf.
-const SAMPLE_PER_LEAF: usize = 15;
+const SAMPLE_PER_LEAF: usize = 30;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
 const MOST_BEND_OF_A_LEAF: f64 = 2.5;
 const STIFFENING: f64 = 100.0;
@@ -341,7 +341,8 @@ fn misfit(
 ) -> Misfit {
     let space = surface.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
-    let mut bad = vec![false; space.leaves().len()];
+    // Where a leaf is bad: the signs of the corner that holds most of its misfit.
+    let mut worst_corner = vec![None; space.leaves().len()];
     for leaf in 0..space.leaves().len() {
         if space.leaves()[leaf].level >= DEEPEST {
             continue;
@@ -368,23 +369,31 @@ fn misfit(
         }
         let filled = precisions.iter().filter(|&&p| p > 0.0).count() as f64;
         let chi2: f64 = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| s * s / p).sum();
-        bad[leaf] = match options.tolerance {
+        let bad = match options.tolerance {
             None => chi2 > filled + (4.0 * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(count)),
             Some(tolerance) => {
                 let worst = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| (s / p).abs()).fold(0.0, f64::max);
                 worst > tolerance && chi2 > filled + 2.0 * (2.0 * filled).sqrt()
             }
         };
+        if bad {
+            let quadrant = |right: bool, upper: bool| -> f64 {
+                (0..BINS * BINS)
+                    .filter(|bin| (bin % BINS >= BINS / 2) == right && (bin / BINS >= BINS / 2) == upper && precisions[*bin] > 0.0)
+                    .map(|bin| sums[bin] * sums[bin] / precisions[bin])
+                    .sum()
+            };
+            worst_corner[leaf] = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
+                .into_iter()
+                .max_by(|a, b| quadrant(a[0] > 0.0, a[1] > 0.0).total_cmp(&quadrant(b[0] > 0.0, b[1] > 0.0)));
+        }
     }
-    // Whole 2 × 2 blocks around each bad leaf, towards its worse side, would activate one function; its eight neighbours make
-    // sure that the functions centred on it are all there.
+    // One bicubic function of the next level lives on a 2 × 2 block: the block at the corner of each bad leaf that is worst.
     let mut marked = Vec::new();
     for (leaf, &cell) in space.leaves().iter().enumerate() {
-        if !bad[leaf] {
-            continue;
-        }
-        for dv in [-0.5, 0.5, 1.5] {
-            for du in [-0.5, 0.5, 1.5] {
+        let Some([su, sv]) = worst_corner[leaf] else { continue };
+        for dv in [0.5, 0.5 + sv] {
+            for du in [0.5, 0.5 + su] {
                 let [u, v] = space.parameters(leaf, [du, dv]);
                 let (other, _) = space.locate(u, v);
                 if space.leaves()[other].level <= cell.level {
