@@ -1,0 +1,14 @@
+# Short names for what is typed often. `just check` is what lands a change.
+
+check:
+    .ci/run
+
+# The heavy statistics: two hundred seeded draws of each kind.
+nightly:
+    cargo test --release --workspace -- --ignored --nocapture
+
+docs:
+    cargo doc --workspace --no-deps
+
+bench:
+    cargo bench -p planish-estimate
