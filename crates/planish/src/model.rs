@@ -2,10 +2,11 @@
 //!
 //! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
 
-use planish_estimate::sparse::{BlockInformation, CholeskyFactor, SelectedInverse};
+use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_spline::{CellCovariance, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{Surface, SurfaceSystem, leaf_weights};
 use serde::{Deserialize, Serialize};
 
 /// What a fit says of one sensor.
@@ -65,10 +66,21 @@ pub struct SurfaceModel {
     pub observations: usize,
 }
 
-/// The posterior covariance of a model, ready for questions.
+/// The posterior covariance of a model's shape, ready for questions.
+///
+/// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of position determine. Motion along
+/// the surface only renames its points, so it is held; see `DESIGN.md`.
 pub struct Posterior<'a> {
     model: &'a SurfaceModel,
     inverse: SelectedInverse,
+    directions: Vec<[f64; 3]>,
+}
+
+/// The covariance of one leaf's nodes along their normals: for the many points of one leaf.
+pub struct LeafCovariance<'a> {
+    weights: &'a [[f64; 16]],
+    directions: Vec<[f64; 3]>,
+    covariance: Vec<f64>,
 }
 
 impl SurfaceModel {
@@ -78,36 +90,59 @@ impl SurfaceModel {
     /// `Undetermined` when prior and data leave a vertex open.
     pub fn posterior(&self) -> Result<Posterior<'_>> {
         let system = SurfaceSystem::new(self.surface.space())?;
-        let mut total = self.data.clone();
-        total.add_scaled(&self.prior, 1.0)?;
-        let factor: CholeskyFactor = system.factorize(&total)?;
-        Ok(Posterior { model: self, inverse: SelectedInverse::new(&factor) })
+        let directions = system.node_normals(&self.surface);
+        let mut total = system.contract(&self.data, &directions)?;
+        total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
+        let factor = system.factorize_scalar(&total)?;
+        Ok(Posterior { model: self, inverse: SelectedInverse::new(&factor), directions })
     }
 }
 
 impl<'a> Posterior<'a> {
-    /// From a selected inverse that is there already.
-    #[must_use]
-    pub fn from_inverse(model: &'a SurfaceModel, inverse: SelectedInverse) -> Self {
-        Self { model, inverse }
-    }
-
-    /// The covariance of a leaf's sixteen coefficients: for many points of one leaf.
+    /// The covariance of a leaf's nodes.
     ///
     /// # Errors
-    /// `Undetermined` never in practice: every leaf's nodes are coupled in the factor.
-    pub fn leaf(&self, leaf: usize) -> Result<CellCovariance> {
-        let space = self.model.surface.space();
-        let dense = self
-            .inverse
-            .dense(space.extraction(leaf).0)
-            .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
-        Ok(CellCovariance::new(space, leaf, &dense))
+    /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
+    pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
+        let (nodes, weights) = self.model.surface.space().extraction(leaf);
+        let covariance =
+            self.inverse.dense(nodes).ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
+        Ok(LeafCovariance { weights, directions: nodes.iter().map(|&n| self.directions[n as usize]).collect(), covariance })
+    }
+
+    /// The surface that this is the covariance of.
+    #[must_use]
+    pub fn surface(&self) -> &'a Surface {
+        &self.model.surface
+    }
+
+    /// `tr(Λ⁻¹ Λ_data)`: how many degrees of freedom the data determine.
+    ///
+    /// # Errors
+    /// `Input` when the data have another pattern than the surface, which a model made here never shows.
+    pub fn degrees_of_data(&self) -> Result<f64> {
+        let system = SurfaceSystem::new(self.model.surface.space())?;
+        self.inverse.trace_with(&system.contract(&self.model.data, &self.directions)?)
     }
 
     /// σ of the surface point at leaf-local coordinates along a unit direction.
     #[must_use]
-    pub fn sigma_along(cell: &CellCovariance, local: [f64; 2], direction: [f64; 3]) -> f64 {
+    pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: [f64; 3]) -> f64 {
         cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
+    }
+}
+
+impl LeafCovariance<'_> {
+    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`.
+    #[must_use]
+    pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
+        let row: Vec<f64> = self
+            .weights
+            .iter()
+            .zip(&self.directions)
+            .map(|(w, d)| dot(a, *d) * w.iter().zip(c).map(|(e, b)| e * b).sum::<f64>())
+            .collect();
+        let n = row.len();
+        (0..n).map(|i| row[i] * self.covariance[i * n..(i + 1) * n].iter().zip(&row).map(|(s, r)| s * r).sum::<f64>()).sum()
     }
 }

@@ -156,6 +156,42 @@ impl SurfaceSystem {
         Ok(information)
     }
 
+    /// The surface's unit normal at every node's anchor: the direction in which the node's vertex moves the shape.
+    #[must_use]
+    pub fn node_normals(&self, surface: &Surface) -> Vec<[f64; 3]> {
+        self.space
+            .node_anchors()
+            .par_iter()
+            .with_min_len(256)
+            .map(|a| {
+                let [u, v] = self.space.wrap(a[0], a[1]);
+                surface.normal(u, v).unwrap_or([0.0; 3])
+            })
+            .collect()
+    }
+
+    /// Information of three coordinates seen by vertices that move along one direction each: `d_iᵀ Λ_ij d_j` and `d_iᵀ η_i`.
+    ///
+    /// # Errors
+    /// `Input` when the information has another pattern.
+    pub fn contract(&self, information: &BlockInformation, directions: &[[f64; 3]]) -> Result<BlockInformation> {
+        let information = information.on_pattern(&self.pattern)?;
+        let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
+        let values = information.values();
+        for column in 0..self.pattern.nodes() {
+            for (position, &row) in self.pattern.column_range(column).zip(self.pattern.column(column)) {
+                let block = &values[9 * position..9 * position + 9];
+                let (a, b) = (directions[row as usize], directions[column]);
+                out.values_mut()[position] =
+                    (0..3).map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b)).sum();
+            }
+        }
+        for ((to, eta), d) in out.vector_mut().iter_mut().zip(information.vector().chunks_exact(3)).zip(directions) {
+            *to = dot([eta[0], eta[1], eta[2]], *d);
+        }
+        Ok(out)
+    }
+
     /// The thin-plate energy in the metric of a reference surface, as the matrix `K` of one coordinate: `b = 1`.
     ///
     /// # Errors

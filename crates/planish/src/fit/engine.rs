@@ -7,7 +7,6 @@ use planish_estimate::vector3::{add_scaled, dot};
 use planish_sense::variance_along;
 use planish_spline::{FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// What became of a point's projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,15 +151,7 @@ pub(super) fn normal_step(
     earlier: Option<&BlockInformation>,
 ) -> Result<NormalStep> {
     let space = system.space();
-    let directions: Vec<[f64; 3]> = space
-        .node_anchors()
-        .par_iter()
-        .with_min_len(256)
-        .map(|a| {
-            let [u, v] = space.wrap(a[0], a[1]);
-            surface.normal(u, v).unwrap_or([0.0; 3])
-        })
-        .collect();
+    let directions = system.node_normals(surface);
     let (start, order) = by_leaf(feet, space.leaves().len());
     let mut data = system.accumulate_along(&directions, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -183,9 +174,9 @@ pub(super) fn normal_step(
         for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
             *p += eta - t;
         }
-        data.add_scaled(&contract(system, earlier, &directions)?, 1.0)?;
+        data.add_scaled(&system.contract(earlier, &directions)?, 1.0)?;
     }
-    let mut matrix = contract(system, prior, &directions)?;
+    let mut matrix = system.contract(prior, &directions)?;
     for value in matrix.values_mut() {
         *value *= weight;
     }
@@ -201,19 +192,4 @@ pub(super) fn normal_step(
     let degrees = stochastic_trace(&factor, &data, 8, 1)?.value;
     let vertices = surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
     Ok(NormalStep { surface: surface.with_vertices(vertices.collect())?, degrees })
-}
-
-/// `d_iᵀ Λ_ij d_j` of a matrix of 3 × 3 blocks or, with one unknown a node, of `Λ ⊗ I`.
-fn contract(system: &SurfaceSystem, information: &BlockInformation, d: &[[f64; 3]]) -> Result<BlockInformation> {
-    let pattern = system.pattern();
-    let mut out = BlockInformation::zeros(Arc::clone(pattern), 1, 1)?;
-    let values = information.values();
-    for column in 0..pattern.nodes() {
-        for (position, &row) in pattern.column_range(column).zip(pattern.column(column)) {
-            let block = &values[9 * position..9 * position + 9];
-            let (a, b) = (d[row as usize], d[column]);
-            out.values_mut()[position] = (0..3).map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b)).sum();
-        }
-    }
-    Ok(out)
 }

@@ -6,22 +6,18 @@
 use super::engine::{Foot, FootState, accumulate, normal_step, project};
 use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
-use super::stages::{Settled, leaf_areas, observed_leaves, weights};
+use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, SigmaSummary};
-use crate::model::{PoseReport, SensorReport, SurfaceModel};
+use crate::model::{Posterior, PoseReport, SensorReport, SurfaceModel};
 use crate::progress::Progress;
-use planish_estimate::sparse::SelectedInverse;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
-use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights, variance_along};
+use planish_spline::{FootPointSearch, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 
 /// σ of tangential motion, as a share of a leaf's size.
 const TANGENTIAL_HOLD: f64 = 0.5;
-/// Full Gauss–Newton steps: normal steps have settled the shape, so one that frees the other two coordinates is enough.
-const FULL_STEPS: usize = 1;
-
-/// Solves for all coordinates and reports; `earlier` is the model that the scans add to.
+/// Makes the model and reports; `earlier` is the model that the scans add to.
 pub(super) fn finish(
     set: &ScanSet,
     observations: &Observations,
@@ -30,8 +26,7 @@ pub(super) fn finish(
     earlier: Option<&SurfaceModel>,
     progress: &dyn Progress,
 ) -> Result<Fit> {
-    let Settled { mut surface, system, subset, mut feet, mut noise, weight, energy, mut at, reached_limit, reached_tolerance } =
-        settled;
+    let Settled { surface, system, subset, feet, mut noise, weight, energy, mut at, reached_limit, reached_tolerance } = settled;
     let prior = match earlier {
         Some(model) => model.prior.clone(),
         None => {
@@ -40,33 +35,33 @@ pub(super) fn finish(
             prior
         }
     };
-    let mut solved = None;
-    for step in 0..FULL_STEPS {
-        progress.check("solving", 0.9 + 0.03 * step as f64)?;
-        let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-        let mut data = accumulate(&system, &surface, &feet, &information)?;
-        if let Some(model) = earlier {
-            data.add_scaled(&model.data, 1.0)?;
-        }
-        let mut total = data.clone();
-        total.add_scaled(&prior, 1.0)?;
-        let factor = system.factorize(&total)?;
-        let mut x = total.vector().to_vec();
-        factor.solve_in_place(&mut x)?;
-        surface = system.surface(&x)?;
-        feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
-        solved = Some((factor, data));
+    progress.check("information", 0.9)?;
+    let information = weights(observations, &subset, &feet, &noise, options.gate, false);
+    let mut data = accumulate(&system, &surface, &feet, &information)?;
+    if let Some(model) = earlier {
+        data.add_scaled(&model.data, 1.0)?;
     }
-    let Some((factor, data)) = solved else { return Err(Error::undetermined("no step was taken")) };
-    progress.check("covariance", 0.96)?;
-    let inverse = SelectedInverse::new(&factor);
-    let degrees = inverse.trace_with(&data)?;
+    let mut model = SurfaceModel {
+        unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
+        surface,
+        prior,
+        data,
+        observed: Vec::new(),
+        sensors: Vec::new(),
+        poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
+        smoothness_weight: weight,
+        observations: earlier.map_or(0, |m| m.observations),
+    };
+    progress.check("covariance", 0.95)?;
+    let posterior = model.posterior()?;
+    let degrees = posterior.degrees_of_data()?;
+    let surface = &model.surface;
     let count = feet.iter().filter(|foot| foot.state == FootState::Good).count();
-    let leverage = (degrees / (count + earlier.map_or(0, |m| m.observations)).max(1) as f64).min(0.9);
+    let leverage = (degrees / (count + model.observations).max(1) as f64).min(0.9);
     noise = SensorNoise { used: noise.used, ..SensorNoise::estimate(observations, &subset, &feet, options.gate, leverage, true)? };
 
     let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-    let mut observed = observed_leaves(&surface, &feet, &information);
+    let mut observed = observed_leaves(surface, &feet, &information);
     if let Some(model) = earlier {
         for (now, before) in observed.iter_mut().zip(&model.observed) {
             *now |= before;
@@ -83,9 +78,9 @@ pub(super) fn finish(
             FootState::Good => {}
         }
     }
-    let held_out = judge(&surface, observations, &noise, &inverse, &mut at, options.gate)?;
-    let sigma = sigma_summary(&surface, &inverse, &observed)?;
-    let areas = leaf_areas(&surface);
+    let held_out = judge(&posterior, observations, &noise, &mut at, options.gate)?;
+    let sigma = sigma_summary(&posterior, &observed)?;
+    let areas = leaf_areas(surface);
     let total_area: f64 = areas.iter().sum();
     let observed_area: f64 = areas.iter().zip(&observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
 
@@ -138,17 +133,11 @@ pub(super) fn finish(
         },
         warnings,
     };
-    let model = SurfaceModel {
-        unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
-        surface,
-        prior,
-        data,
-        observed,
-        sensors,
-        poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()).into_iter().chain(poses).collect(),
-        smoothness_weight: weight,
-        observations: used.len() + earlier.map_or(0, |m| m.observations),
-    };
+    drop(posterior);
+    model.observed = observed;
+    model.sensors = sensors;
+    model.poses.extend(poses);
+    model.observations += used.len();
     progress.advance("done", 1.0);
     Ok(Fit { model, report })
 }
@@ -193,40 +182,29 @@ pub(super) fn place(
 
 /// Held-out readings: residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
 fn judge(
-    surface: &Surface,
+    posterior: &Posterior<'_>,
     observations: &Observations,
     noise: &SensorNoise,
-    inverse: &SelectedInverse,
     at: &mut [[f64; 2]],
     gate: f64,
 ) -> Result<HeldOut> {
+    let surface = posterior.surface();
     let held: Vec<u32> = (0..observations.len() as u32).filter(|&i| observations.held_out[i as usize]).collect();
     if held.is_empty() {
         return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
     }
-    let space = surface.space();
-    let search = FootPointSearch::new(surface, 2, 0.0)?;
-    // Searched with their normals, as all others were.
-    let search = if held.iter().any(|&i| observations.normal(i as usize) != [0.0; 3]) {
-        let size = surface.vertices().iter().fold(0.0_f64, |m, p| m.max(p.iter().fold(0.0, |a: f64, c| a.max(c.abs()))));
-        FootPointSearch::new(surface, 2, 0.1 * size)?
-    } else {
-        search
-    };
+    let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
     let feet = project(surface, observations, &held, at, Some(&search), &noise.used);
     let normalised: Vec<Option<f64>> = held
         .par_iter()
         .zip(&feet)
         .with_min_len(256)
-        .map_init(Vec::new, |dense, (&i, foot)| {
+        .map(|(&i, foot)| {
             if foot.state != FootState::Good {
                 return None;
             }
-            let leaf = foot.leaf as usize;
-            if !inverse.dense_into(space.extraction(leaf).0, dense) {
-                return None;
-            }
-            let of_surface = variance_along(space, leaf, dense, &leaf_weights(foot.local[0], foot.local[1]), foot.normal);
+            let cell = posterior.leaf(foot.leaf as usize).ok()?;
+            let of_surface = cell.variance_along(&leaf_weights(foot.local[0], foot.local[1]), foot.normal);
             let of_reading = noise.used[observations.sensor(i as usize)] * foot.variance;
             let r = foot.height / (of_reading + of_surface).sqrt();
             (r.abs() <= gate).then_some(r)
@@ -239,21 +217,19 @@ fn judge(
 }
 
 /// σ along the normal at the middle of every observed leaf, by area.
-fn sigma_summary(surface: &Surface, inverse: &SelectedInverse, observed: &[bool]) -> Result<SigmaSummary> {
-    let space = surface.space();
+fn sigma_summary(posterior: &Posterior<'_>, observed: &[bool]) -> Result<SigmaSummary> {
+    let surface = posterior.surface();
     let areas = leaf_areas(surface);
     let mut by_area: Vec<(f64, f64)> = (0..observed.len())
         .into_par_iter()
         .with_min_len(64)
         .filter(|&leaf| observed[leaf])
-        .map_init(Vec::new, |dense, leaf| {
+        .map(|leaf| {
             let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
-            if !inverse.dense_into(space.extraction(leaf).0, dense) {
-                return (0.0, 0.0);
-            }
-            (variance_along(space, leaf, dense, &leaf_weights(0.5, 0.5), normal).max(0.0).sqrt(), areas[leaf])
+            let cell = posterior.leaf(leaf)?;
+            Ok((Posterior::sigma_along(&cell, [0.5, 0.5], normal), areas[leaf]))
         })
-        .collect();
+        .collect::<Result<_>>()?;
     if by_area.is_empty() {
         return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
     }

@@ -279,7 +279,7 @@ impl BendingEnergy {
 }
 
 /// A length of the order of the whole surface.
-fn extent_of(surface: &Surface) -> f64 {
+pub(super) fn extent_of(surface: &Surface) -> f64 {
     let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
         ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
     });
