@@ -72,6 +72,14 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     Ok(())
 }
 
+/// Makes a folder, and the folders above it, where they are missing.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when that is not allowed, or a file of that name is in the way.
+pub fn make_folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
+}
+
 /// The folder that holds a path.
 pub(crate) fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
@@ -134,6 +142,19 @@ mod tests {
         let e = write_atomically(folder.path(), |_| Ok(())).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Io);
         assert!(e.to_string().contains("is a folder"), "{e}");
+    }
+
+    #[test]
+    fn a_file_in_the_way_of_a_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        make_folder(&folder.path().join("a/b")).unwrap();
+        make_folder(&folder.path().join("a/b")).unwrap();
+        fs::write(folder.path().join("c"), "").unwrap();
+        let e = make_folder(&folder.path().join("c")).unwrap_err();
+        assert!(
+            e.kind() == ErrorKind::Io && e.to_string().contains("c: could not be made"),
+            "{e}"
+        );
     }
 
     #[cfg(unix)]

@@ -2,7 +2,7 @@
 //!
 //! | module | format | |
 //! |---|---|---|
-//! | [`ply`] | PLY | scans and meshes in; meshes and points out |
+//! | [`ply`] | PLY | scans and meshes in; scans, meshes and points out |
 //! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
@@ -25,6 +25,6 @@ mod scans;
 mod source;
 mod unit;
 
-pub use atomic::{Writer, write_atomically};
+pub use atomic::{Writer, make_folder, write_atomically};
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use unit::Unit;

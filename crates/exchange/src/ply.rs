@@ -1,4 +1,4 @@
-//! PLY, the polygon file format: scans and meshes in, meshes and points out.
+//! PLY, the polygon file format: scans and meshes in, scans, meshes and points out.
 //!
 //! Comes in: ASCII and both binary orders, any number types, lists, elements that nobody asked for, LF or CRLF, comments.
 //! Goes out: a [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]; written files are binary little endian.
@@ -17,7 +17,9 @@ mod read;
 #[cfg(test)]
 mod tests;
 mod write;
+mod write_scan;
 
 pub(crate) use read::read_scan_and_unit;
 pub use read::{PolygonMesh, read_mesh, read_scan};
 pub use write::{Column, MeshColumns, write_mesh, write_points};
+pub use write_scan::write_scan;

@@ -1,0 +1,215 @@
+//! Scans as binary little-endian PLY files.
+//!
+//! Comes in: a [`Scan`]. Goes out: `float64 x y z`, whatever the points state about their errors, and the sampling grid of
+//! an organised scan. Poses and directions of view belong into the job.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::{RangeGrid, Scan};
+
+use crate::Unit;
+use crate::atomic::write_atomically;
+
+/// Writes a scan; [`read_scan`](super::read_scan) gives back the same numbers.
+///
+/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; the covariance `cxx cxy cxz cyy cyz czz`, else `sigma`; the element
+/// `range_grid`. Readings that were dropped are gone, and so are pose and viewing.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length or a grid that names no point;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::ply::{read_scan, write_scan};
+/// use planish_sense::Scan;
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("one.ply");
+/// let scan = Scan { points: vec![[0.1, 0.2, 0.3]], sigma: Some(vec![0.05]), ..Scan::default() };
+/// write_scan(&path, &scan, None)?;
+/// assert_eq!(read_scan(&path)?.sigma, Some(vec![0.05]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn write_scan(path: &Path, scan: &Scan, unit: Option<Unit>) -> Result<()> {
+    check(scan).map_err(|e| e.in_context(path.display()))?;
+    write_atomically(path, |writer| write_to(writer, scan, unit))
+}
+
+fn check(scan: &Scan) -> Result<()> {
+    let count = scan.points.len();
+    for (name, length) in [
+        ("normals", scan.normals.as_ref().map(Vec::len)),
+        ("sigma_n_deg", scan.sigma_normal_deg.as_ref().map(Vec::len)),
+        ("covariance", scan.covariance.as_ref().map(Vec::len)),
+        ("sigma", scan.sigma.as_ref().map(Vec::len)),
+    ] {
+        if let Some(length) = length
+            && length != count
+        {
+            return Err(Error::input(format!(
+                "needed {count} entries in the column `{name}`, found {length}"
+            )));
+        }
+    }
+    if let Some(grid) = &scan.grid {
+        if grid.columns.checked_mul(grid.rows) != Some(grid.cells.len()) {
+            return Err(Error::input(format!(
+                "needed {} x {} cells in the grid, found {}",
+                grid.columns,
+                grid.rows,
+                grid.cells.len()
+            )));
+        }
+        let limit = count.min(i32::MAX as usize);
+        let wrong = |&&cell: &&u32| cell != RangeGrid::EMPTY && cell as usize >= limit;
+        if let Some(cell) = grid.cells.iter().find(wrong) {
+            return Err(Error::input(format!(
+                "needed points below {limit} in the grid's cells, found {cell}"
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Result<()> {
+    writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
+    if let Some(unit) = unit {
+        writeln!(writer, "comment unit {unit}")?;
+    }
+    if let Some(grid) = &scan.grid {
+        writeln!(
+            writer,
+            "obj_info num_cols {}\nobj_info num_rows {}",
+            grid.columns, grid.rows
+        )?;
+    }
+    writeln!(writer, "element vertex {}", scan.points.len())?;
+    let mut names = vec!["x", "y", "z"];
+    if scan.normals.is_some() {
+        names.extend(["nx", "ny", "nz"]);
+    }
+    if scan.sigma_normal_deg.is_some() {
+        names.push("sigma_n_deg");
+    }
+    if scan.covariance.is_some() {
+        names.extend(["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]);
+    } else if scan.sigma.is_some() {
+        names.push("sigma");
+    }
+    for name in names {
+        writeln!(writer, "property double {name}")?;
+    }
+    if let Some(grid) = &scan.grid {
+        writeln!(writer, "element range_grid {}", grid.cells.len())?;
+        writeln!(writer, "property list uchar int vertex_indices")?;
+    }
+    writeln!(writer, "end_header")?;
+    for (i, point) in scan.points.iter().enumerate() {
+        let mut put = |values: &[f64]| values.iter().try_for_each(|v| writer.write_all(&v.to_le_bytes()));
+        put(point)?;
+        if let Some(normals) = &scan.normals {
+            put(&normals[i])?;
+        }
+        if let Some(sigma) = &scan.sigma_normal_deg {
+            put(&[sigma[i]])?;
+        }
+        if let Some(covariance) = &scan.covariance {
+            put(&covariance[i])?;
+        } else if let Some(sigma) = &scan.sigma {
+            put(&[sigma[i]])?;
+        }
+    }
+    for &cell in scan.grid.iter().flat_map(|grid| &grid.cells) {
+        if cell == RangeGrid::EMPTY {
+            writer.write_all(&[0])?;
+        } else {
+            writer.write_all(&[1])?;
+            writer.write_all(&cell.to_le_bytes())?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read_scan;
+    use super::*;
+
+    #[test]
+    fn scans_come_back_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let full = Scan {
+            name: "a.ply".to_owned(),
+            points: vec![[0.1, 1.0 / 3.0, -2e-7], [4.0, 5.0, 6.0]],
+            covariance: Some(vec![[1.0, 0.1, 0.0, 2.0, 0.0, 3.0], [0.5, 0.0, 0.0, 0.5, 0.0, 0.5]]),
+            normals: Some(vec![[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
+            sigma_normal_deg: Some(vec![2.0, 0.5]),
+            grid: Some(RangeGrid {
+                columns: 3,
+                rows: 1,
+                cells: vec![1, RangeGrid::EMPTY, 0],
+            }),
+            ..Scan::default()
+        };
+        let plain = Scan {
+            sigma: Some(vec![0.25, 0.5]),
+            covariance: None,
+            normals: None,
+            sigma_normal_deg: None,
+            grid: None,
+            ..full.clone()
+        };
+        for scan in [full, plain] {
+            write_scan(&path, &scan, Some(Unit::Inch)).unwrap();
+            let read = read_scan(&path).unwrap();
+            assert_eq!(read.points, scan.points);
+            assert_eq!((read.sigma, read.covariance), (scan.sigma, scan.covariance));
+            assert_eq!((read.normals, read.grid), (scan.normals, scan.grid));
+            assert_eq!(read.sigma_normal_deg, scan.sigma_normal_deg);
+        }
+    }
+
+    #[test]
+    fn columns_that_do_not_fit_the_points_are_refused() {
+        let points = vec![[0.0; 3]];
+        let grid = |columns, cells| {
+            Some(RangeGrid {
+                columns,
+                rows: 1,
+                cells,
+            })
+        };
+        for (scan, words) in [
+            (
+                Scan {
+                    sigma: Some(vec![]),
+                    points: points.clone(),
+                    ..Scan::default()
+                },
+                "column `sigma`, found 0",
+            ),
+            (
+                Scan {
+                    grid: grid(2, vec![0]),
+                    points: points.clone(),
+                    ..Scan::default()
+                },
+                "2 x 1 cells",
+            ),
+            (
+                Scan {
+                    grid: grid(1, vec![1]),
+                    points,
+                    ..Scan::default()
+                },
+                "below 1 in the grid's cells, found 1",
+            ),
+        ] {
+            let e = check(&scan).unwrap_err();
+            assert!(e.to_string().contains(words), "{e}");
+        }
+    }
+}

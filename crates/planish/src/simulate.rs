@@ -1,0 +1,39 @@
+//! Known truth: simulated measurements of surfaces that are known exactly.
+//!
+//! Comes in: options and a seed. Goes out: readings as a job would hold them, and the truth behind each of them. The same
+//! options give the same bytes, at any number of threads.
+//!
+//! | module | what |
+//! |---|---|
+//! | form | smooth freeform surfaces in closed form |
+//! | truth | any known surface: points, normals, samples, distances |
+//! | virtual_sensor | range scanners and touch probes that measure it |
+//! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//!
+//! ```
+//! use planish::simulate::{ScanSceneOptions, scans};
+//! # fn main() -> planish_estimate::Result<()> {
+//! let scene = scans(&ScanSceneOptions { readings: 500, probe_points: 5, ..ScanSceneOptions::default() })?;
+//! let reading = scene.set.scans[0].scan.world_from_scanner.apply(scene.set.scans[0].scan.points[0]);
+//! let foot = scene.truth.foot(reading).expect("readings are finite");
+//! assert!(foot.signed_distance.abs() < 20.0);
+//! # Ok(())
+//! # }
+//! ```
+
+mod form;
+mod scans;
+mod second_order;
+mod truth;
+mod virtual_sensor;
+
+#[cfg(test)]
+mod tests;
+
+pub use form::{BallBump, BallForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
+pub use scans::{
+    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TruthSummary, scans, write_scan_scene,
+    write_scans_scene,
+};
+pub use truth::{Truth, TruthFoot, TruthPoint};
+pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

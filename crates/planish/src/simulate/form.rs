@@ -1,0 +1,304 @@
+//! Smooth freeform surfaces in closed form.
+//!
+//! Comes in: a shape, a size and a seed. Goes out: a [`ClosedForm`]: points and exact derivatives at any `(u, v)`. None of
+//! them is a spline, so that no fit can hit one by luck. Sizes are in the model's unit; `size` is about the longest side.
+//!
+//! Not guaranteed: that two seeds look alike; the amplitudes are bounded so that no surface folds or meets itself.
+
+use super::second_order::SecondOrder;
+use planish_estimate::vector3::{add_scaled, scale, tangents};
+use planish_estimate::{Error, Result};
+use planish_spline::{Jet, Shape};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+
+/// A smooth surface given by formulas, over `(u, v)` in `[0, 1]²`; `S_u × S_v` points outwards (a sheet: to +z).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum ClosedForm {
+    /// A height field over a rectangle.
+    Sheet(SheetForm),
+    /// A bent tube of varying, non-circular section, open at both ends.
+    Tube(TubeForm),
+    /// A blob around an ellipsoid.
+    Ball(BallForm),
+}
+
+/// `z = q · (x², xy, y²) + Σ h exp(−|p − c|² / 2 w²)` over a rectangle around the origin.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SheetForm {
+    /// Sides along x and y.
+    pub sides: [f64; 2],
+    /// Factors of `x²`, `xy` and `y²`.
+    pub quadratic: [f64; 3],
+    /// Bumps: centre, width `w` and height `h`.
+    pub bumps: Vec<SheetBump>,
+}
+
+/// A bump of a [`SheetForm`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SheetBump {
+    /// Its middle.
+    pub centre: [f64; 2],
+    /// Its standard width.
+    pub width: f64,
+    /// Its height, negative for a dent.
+    pub height: f64,
+}
+
+/// Sections around an arc of a circle: `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with `θ = 2πu`,
+/// `φ = turn (v − ½)`, `w = 2v − 1` and `r = r0 (1 + Σ a cos(mθ + p) cos(kπv + q))`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TubeForm {
+    /// Radius `R` of the bend.
+    pub bend_radius: f64,
+    /// Angle from end to end, in radians.
+    pub turn_rad: f64,
+    /// Mean radius `r0` of the section.
+    pub radius: f64,
+    /// Amplitude `s` of the sway out of the plane of the bend.
+    pub sway: f64,
+    /// Waves of the radius.
+    pub waves: Vec<TubeWave>,
+}
+
+/// A wave of a [`TubeForm`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TubeWave {
+    /// Share `a` of the radius.
+    pub amplitude: f64,
+    /// Periods `m` around.
+    pub around: f64,
+    /// Half periods `k` along.
+    pub along: f64,
+    /// Phases `p` and `q`, in radians.
+    pub phases_rad: [f64; 2],
+}
+
+/// `P = (1 + Σ a exp(κ (d · c − 1))) E d` over unit vectors `d`, `E` the semi-axes; star-shaped.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BallForm {
+    /// Semi-axes along x, y and z.
+    pub semi_axes: [f64; 3],
+    /// The bumps.
+    pub bumps: Vec<BallBump>,
+}
+
+/// A bump of a [`BallForm`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BallBump {
+    /// Unit direction `c` of its middle.
+    pub direction: [f64; 3],
+    /// Sharpness `κ`: the standard width is `1/√κ` radians.
+    pub sharpness: f64,
+    /// Share `a` of the radius, negative for a dent.
+    pub amplitude: f64,
+}
+
+impl ClosedForm {
+    /// A surface of that shape, about `size` long, drawn from the seed.
+    ///
+    /// # Errors
+    /// `Unsupported` for a torus; `Input` for a size that is not positive.
+    pub fn random(shape: Shape, size: f64, seed: u64) -> Result<Self> {
+        if !(size > 0.0 && size.is_finite()) {
+            return Err(Error::input(format!("needed a size > 0, found {size}")));
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
+        Ok(match shape {
+            Shape::Sheet => {
+                let sides = [size, 0.8 * size];
+                // Curvature radii of about one to three lengths; then bumps from a quarter of the sheet down to a twelfth.
+                let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
+                quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
+                let bumps = (0..9)
+                    .map(|k| {
+                        let width = size * [0.25, 0.16, 0.11, 0.08][k % 4] * between(0.9, 1.2);
+                        let sign = if between(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
+                        SheetBump {
+                            centre: sides.map(|side| side * between(-0.42, 0.42)),
+                            width,
+                            height: sign * width * between(0.12, 0.28),
+                        }
+                    })
+                    .collect();
+                Self::Sheet(SheetForm {
+                    sides,
+                    quadratic,
+                    bumps,
+                })
+            }
+            Shape::Tube => {
+                let turn_rad = between(0.5, 0.7);
+                let waves = [
+                    (2.0, 0.0, 0.14),
+                    (3.0, 1.0, 0.07),
+                    (0.0, 2.0, 0.12),
+                    (1.0, 3.0, 0.06),
+                    (4.0, 2.0, 0.03),
+                ]
+                .map(|(around, along, amplitude)| TubeWave {
+                    amplitude: amplitude * between(0.8, 1.2),
+                    around,
+                    along,
+                    phases_rad: [between(0.0, TAU), between(0.0, TAU)],
+                })
+                .to_vec();
+                Self::Tube(TubeForm {
+                    bend_radius: size / turn_rad,
+                    turn_rad,
+                    radius: 0.2 * size,
+                    sway: 0.05 * size * between(0.6, 1.0),
+                    waves,
+                })
+            }
+            Shape::Ball => {
+                let semi_axes = [0.5, 0.42, 0.34].map(|share| size * share * between(0.95, 1.05));
+                let bumps = (0..7)
+                    .map(|k| {
+                        let sharpness = [2.0, 4.0, 7.0, 12.0][k % 4] * between(0.8, 1.2);
+                        let (z, angle) = (between(-1.0, 1.0), between(0.0, TAU));
+                        let ring = (1.0 - z * z).sqrt();
+                        let sign = if between(0.0, 1.0) < 0.4 { -1.0 } else { 1.0 };
+                        BallBump {
+                            direction: [ring * angle.cos(), ring * angle.sin(), z],
+                            sharpness,
+                            amplitude: sign * between(0.2, 0.4) / sharpness,
+                        }
+                    })
+                    .collect();
+                Self::Ball(BallForm { semi_axes, bumps })
+            }
+            Shape::Torus => {
+                return Err(Error::unsupported(
+                    "simulated scenes know the shapes sheet, tube and ball, found torus",
+                ));
+            }
+        })
+    }
+
+    /// The topology.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        match self {
+            Self::Sheet(_) => Shape::Sheet,
+            Self::Tube(_) => Shape::Tube,
+            Self::Ball(_) => Shape::Ball,
+        }
+    }
+
+    /// The point at `(u, v)` with its derivatives.
+    #[must_use]
+    pub fn jet(&self, u: f64, v: f64) -> Jet {
+        let [u, v] = SecondOrder::parameters(u, v);
+        match self {
+            Self::Sheet(form) => form.jet(u, v),
+            Self::Tube(form) => form.jet(u, v),
+            Self::Ball(form) => {
+                let (s, c) = ((v * PI).sin(), (v * PI).cos());
+                form.jet([s * (u * TAU).cos(), s * (u * TAU).sin(), c * -1.0])
+            }
+        }
+    }
+
+    /// The same point with derivatives in a chart that is regular there: on a ball, along two tangents of the unit sphere.
+    #[must_use]
+    pub(super) fn regular_jet(&self, u: f64, v: f64) -> Jet {
+        match self {
+            Self::Ball(form) => {
+                let d = direction(u, v);
+                let (e1, e2) = tangents(d);
+                // The exponential map of the sphere to the second order: d + s e1 + t e2 − (s² + t²)/2 d.
+                form.jet([0, 1, 2].map(|k| SecondOrder {
+                    f: d[k],
+                    u: e1[k],
+                    v: e2[k],
+                    uu: -d[k],
+                    uv: 0.0,
+                    vv: -d[k],
+                }))
+            }
+            _ => self.jet(u, v),
+        }
+    }
+
+    /// Parameters after a step in the regular chart; open borders hold it.
+    #[must_use]
+    pub(super) fn moved(&self, [u, v]: [f64; 2], [s, t]: [f64; 2]) -> [f64; 2] {
+        match self {
+            Self::Sheet(_) => [(u + s).clamp(0.0, 1.0), (v + t).clamp(0.0, 1.0)],
+            Self::Tube(_) => [(u + s).rem_euclid(1.0), (v + t).clamp(0.0, 1.0)],
+            Self::Ball(_) => {
+                let d = direction(u, v);
+                let (e1, e2) = tangents(d);
+                let angle = s.hypot(t);
+                if angle == 0.0 {
+                    return [u, v];
+                }
+                let along = add_scaled(scale(s / angle, e1), t / angle, e2);
+                parameters(add_scaled(scale(angle.cos(), d), angle.sin(), along))
+            }
+        }
+    }
+}
+
+/// The unit vector of a ball's `(u, v)`.
+fn direction(u: f64, v: f64) -> [f64; 3] {
+    let ((s, c), (sin, cos)) = ((PI * v).sin_cos(), (TAU * u).sin_cos());
+    [s * cos, s * sin, -c]
+}
+
+/// A ball's `(u, v)` of a direction of any length.
+pub(super) fn parameters(d: [f64; 3]) -> [f64; 2] {
+    [
+        d[1].atan2(d[0]).rem_euclid(TAU) / TAU,
+        d[0].hypot(d[1]).atan2(-d[2]) / PI,
+    ]
+}
+
+impl SheetForm {
+    fn jet(&self, u: SecondOrder, v: SecondOrder) -> Jet {
+        let (x, y) = ((u - 0.5) * self.sides[0], (v - 0.5) * self.sides[1]);
+        let [xx, xy, yy] = self.quadratic;
+        let mut z = x * x * xx + x * y * xy + y * y * yy;
+        for bump in &self.bumps {
+            let (dx, dy) = (x - bump.centre[0], y - bump.centre[1]);
+            z = z + ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
+        }
+        SecondOrder::jet([x, y, z])
+    }
+}
+
+impl TubeForm {
+    fn jet(&self, u: SecondOrder, v: SecondOrder) -> Jet {
+        let theta = u * TAU;
+        let mut r = SecondOrder::constant(1.0);
+        for wave in &self.waves {
+            let around = (theta * wave.around + wave.phases_rad[0]).cos();
+            r = r + around * (v * (PI * wave.along) + wave.phases_rad[1]).cos() * wave.amplitude;
+        }
+        r = r * self.radius;
+        let phi = (v - 0.5) * self.turn_rad;
+        let from_middle = r * theta.cos() + self.bend_radius;
+        let sway = ((v - 0.5) * TAU).sin() * self.sway;
+        SecondOrder::jet([
+            from_middle * phi.cos() - self.bend_radius,
+            r * theta.sin() + sway,
+            from_middle * phi.sin(),
+        ])
+    }
+}
+
+impl BallForm {
+    fn jet(&self, d: [SecondOrder; 3]) -> Jet {
+        let mut radius = SecondOrder::constant(1.0);
+        for bump in &self.bumps {
+            let [a, b, c] = [0, 1, 2].map(|k| d[k] * bump.direction[k]);
+            radius = radius + (((a + b + c) - 1.0) * bump.sharpness).exp() * bump.amplitude;
+        }
+        SecondOrder::jet([0, 1, 2].map(|k| radius * d[k] * self.semi_axes[k]))
+    }
+}

@@ -1,0 +1,533 @@
+//! The surface behind a simulated scene: known exactly, at every point.
+//!
+//! Comes in: a closed form, or a spline surface (random in a given space, or drawn from a prior). Goes out: points, normals,
+//! curvatures, area-uniform samples, a dense mesh, and exact distances of nearby points.
+//!
+//! Not guaranteed: the foot of a point as far away as the surface's radius of curvature, or closer to another part of the
+//! surface than the dense mesh resolves.
+
+use super::form::{ClosedForm, parameters};
+use planish_estimate::sparse::CholeskyFactor;
+use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::{MeshSearch, TriangleMesh, icosphere};
+use planish_spline::{BaseShape, Curvature, Hierarchy, Jet, ProjectionOptions, Shape, Surface, fit_function};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use std::sync::{Arc, OnceLock};
+
+/// Triangles of the mesh that searches and rays start from: 0.1 % of the size from edge to edge.
+const SEARCH_TRIANGLES: usize = 80_000;
+
+/// A surface that is known exactly. Parameters are `(u, v)` in `[0, 1]²` whatever lies behind.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    form: Form,
+    dense: OnceLock<Dense>,
+}
+
+#[derive(Debug, Clone)]
+enum Form {
+    Closed(ClosedForm),
+    Spline(Surface),
+}
+
+/// A mesh with the parameters of its vertices.
+#[derive(Debug, Clone)]
+struct Dense {
+    mesh: TriangleMesh,
+    parameters: Vec<[f64; 2]>,
+    search: MeshSearch,
+    /// The largest area element over the vertices, in the measure that samples are proposed in.
+    largest_element: f64,
+    /// Diagonal of the box around the mesh.
+    diagonal: f64,
+}
+
+/// A point of the true surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TruthPoint {
+    /// Its parameters.
+    pub parameters: [f64; 2],
+    /// Where it is.
+    pub position: [f64; 3],
+    /// The outward unit normal (zero where a spline is degenerate).
+    pub normal: [f64; 3],
+}
+
+/// The point of the true surface that is nearest to a given point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TruthFoot {
+    /// The nearest point.
+    pub point: TruthPoint,
+    /// Distance, positive on the side that the normal points to.
+    pub signed_distance: f64,
+    /// Whether the nearest point is on an open border, with the given point beyond it.
+    pub at_border: bool,
+}
+
+impl Truth {
+    /// A smooth freeform surface in closed form, about `size` long: a sheet, a tube or a ball.
+    ///
+    /// # Errors
+    /// As [`ClosedForm::random`].
+    pub fn freeform(shape: Shape, size: f64, seed: u64) -> Result<Self> {
+        Ok(Self::from_form(Form::Closed(ClosedForm::random(shape, size, seed)?)))
+    }
+
+    /// A given closed form.
+    #[must_use]
+    pub fn from_closed_form(form: ClosedForm) -> Self {
+        Self::from_form(Form::Closed(form))
+    }
+
+    /// A given spline surface.
+    #[must_use]
+    pub fn from_surface(surface: Surface) -> Self {
+        Self::from_form(Form::Spline(surface))
+    }
+
+    /// A random smooth surface of exactly this spline space, about `size` long: a freeform, interpolated on the base grid, and
+    /// every vertex moved by a few per cent of its cell.
+    ///
+    /// # Errors
+    /// As [`Truth::freeform`]; a torus is a round one with moved vertices.
+    pub fn in_space(space: &Arc<Hierarchy>, size: f64, seed: u64) -> Result<Self> {
+        let base = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
+        let [columns, rows] = base.extent();
+        let smooth = if space.shape() == Shape::Torus {
+            BaseShape::torus([0.0; 3], [0.0, 0.0, 1.0], 0.35 * size, 0.15 * size).surface(space.base())?
+        } else {
+            let form = ClosedForm::random(space.shape(), size, seed)?;
+            fit_function(&base, |u, v| form.jet(u / columns, v / rows).point)?
+        };
+        let smooth = smooth.refined(Arc::clone(space))?;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(1);
+        let moved = (space.node_anchors().iter().zip(smooth.vertices())).map(|(anchor, vertex)| {
+            let [u, v] = space.wrap(anchor[0], anchor[1]);
+            let side = space.leaves()[space.locate(u, v).0].side();
+            // Rows are never degenerate, columns are at the poles of a ball.
+            let sigma = 0.04 * side * norm(smooth.jet(u, v).dv);
+            vertex.map(|c| c + sigma * rng.sample::<f64, _>(StandardNormal))
+        });
+        let moved = moved.collect();
+        Ok(Self::from_surface(Surface::new(Arc::clone(space), moved)?))
+    }
+
+    /// A surface whose vertices are drawn from the Gaussian with this mean and the information behind the factor:
+    /// `x = mean + L⁻ᵀ z`. For judging a posterior when the truth comes from the prior.
+    ///
+    /// # Errors
+    /// `Input` when the factor is of another size than the mean's vertices.
+    pub fn drawn(mean: &Surface, factor: &CholeskyFactor, seed: u64) -> Result<Self> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let unknowns = 3 * mean.space().node_count();
+        let mut draw: Vec<f64> = (0..unknowns).map(|_| rng.sample(StandardNormal)).collect();
+        factor.solve_lower_transpose_in_place(&mut draw)?;
+        let moved = mean.vertices().iter().zip(draw.chunks_exact(3));
+        let vertices = moved.map(|(p, d)| [p[0] + d[0], p[1] + d[1], p[2] + d[2]]).collect();
+        Ok(Self::from_surface(Surface::new(Arc::clone(mean.space()), vertices)?))
+    }
+
+    fn from_form(form: Form) -> Self {
+        Self {
+            form,
+            dense: OnceLock::new(),
+        }
+    }
+
+    /// The topology.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        match &self.form {
+            Form::Closed(form) => form.shape(),
+            Form::Spline(surface) => surface.space().shape(),
+        }
+    }
+
+    /// The closed form, where there is one.
+    #[must_use]
+    pub fn closed_form(&self) -> Option<&ClosedForm> {
+        match &self.form {
+            Form::Closed(form) => Some(form),
+            Form::Spline(_) => None,
+        }
+    }
+
+    /// The spline surface, where the truth is one.
+    #[must_use]
+    pub fn surface(&self) -> Option<&Surface> {
+        match &self.form {
+            Form::Closed(_) => None,
+            Form::Spline(surface) => Some(surface),
+        }
+    }
+
+    /// The point at `(u, v)`.
+    #[must_use]
+    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+        self.jet(u, v).point
+    }
+
+    /// The point at `(u, v)` with its derivatives by them.
+    #[must_use]
+    pub fn jet(&self, u: f64, v: f64) -> Jet {
+        match &self.form {
+            Form::Closed(form) => form.jet(u, v),
+            Form::Spline(surface) => {
+                let [a, b] = surface.space().extent();
+                let jet = surface.jet(u * a, v * b);
+                let by = |s: f64, d: [f64; 3]| d.map(|c| s * c);
+                Jet {
+                    point: jet.point,
+                    du: by(a, jet.du),
+                    dv: by(b, jet.dv),
+                    duu: by(a * a, jet.duu),
+                    duv: by(a * b, jet.duv),
+                    dvv: by(b * b, jet.dvv),
+                }
+            }
+        }
+    }
+
+    /// Derivatives in a chart that is regular at the point, poles of a closed form included.
+    fn regular_jet(&self, u: f64, v: f64) -> Jet {
+        match &self.form {
+            Form::Closed(form) => form.regular_jet(u, v),
+            Form::Spline(_) => self.jet(u, v),
+        }
+    }
+
+    /// The outward unit normal; zero where a spline is degenerate.
+    #[must_use]
+    pub fn normal(&self, u: f64, v: f64) -> [f64; 3] {
+        self.regular_jet(u, v).normal().unwrap_or([0.0; 3])
+    }
+
+    /// `|S_u × S_v|`: area per area of parameters.
+    #[must_use]
+    pub fn area_element(&self, u: f64, v: f64) -> f64 {
+        let jet = self.jet(u, v);
+        norm(cross(jet.du, jet.dv))
+    }
+
+    /// Principal curvatures and directions; none where a spline is degenerate.
+    #[must_use]
+    pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
+        self.regular_jet(u, v).curvature()
+    }
+
+    fn at(&self, parameters: [f64; 2]) -> TruthPoint {
+        let jet = self.regular_jet(parameters[0], parameters[1]);
+        TruthPoint {
+            parameters,
+            position: jet.point,
+            normal: jet.normal().unwrap_or([0.0; 3]),
+        }
+    }
+
+    /// A mesh of no more than about this many triangles, facing outwards, its vertices on the surface, and their exact normals.
+    #[must_use]
+    pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
+        let (mesh, parameters) = self.mesh_and_parameters(triangles);
+        let normals = parameters.iter().map(|&[u, v]| self.normal(u, v)).collect();
+        (mesh, normals)
+    }
+
+    fn mesh_and_parameters(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 2]>) {
+        if matches!(self.form, Form::Closed(ClosedForm::Ball(_))) {
+            let subdivisions = (1..9).take_while(|&k| 20 << (2 * k) <= triangles).last().unwrap_or(1);
+            let sphere = icosphere(1.0, subdivisions);
+            let parameters: Vec<[f64; 2]> = sphere.positions.iter().map(|&d| parameters(d)).collect();
+            return (self.over(sphere.triangles, &parameters), parameters);
+        }
+        let (shape, ratio) = match &self.form {
+            Form::Closed(ClosedForm::Sheet(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
+            Form::Closed(_) => (Shape::Tube, 1.25),
+            Form::Spline(surface) => {
+                let [columns, rows] = surface.space().extent();
+                (surface.space().shape(), columns / rows)
+            }
+        };
+        let columns = ((0.5 * triangles as f64 * ratio).sqrt() as usize).max(8);
+        let rows = (triangles / (2 * columns)).max(4);
+        let (around, along) = (shape.periodic_u(), shape.periodic_v());
+        // Poles are one vertex each, before all others.
+        let (first, inner) = if shape.polar() {
+            (2, 1..rows)
+        } else {
+            (0, 0..if along { rows } else { rows + 1 })
+        };
+        let across = if around { columns } else { columns + 1 };
+        let mut parameters = if shape.polar() {
+            vec![[0.0, 0.0], [0.0, 1.0]]
+        } else {
+            Vec::new()
+        };
+        for j in inner {
+            parameters.extend((0..across).map(|i| [i as f64 / columns as f64, j as f64 / rows as f64]));
+        }
+        let vertex = |i: usize, j: usize| -> u32 {
+            if shape.polar() && (j == 0 || j == rows) {
+                return u32::from(j == rows);
+            }
+            let row = if shape.polar() {
+                j - 1
+            } else {
+                j % if along { rows } else { rows + 1 }
+            };
+            (first + row * across + i % across) as u32
+        };
+        let mut faces = Vec::with_capacity(2 * columns * rows);
+        for j in 0..rows {
+            for i in 0..columns {
+                let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                faces.extend(
+                    [[a, b, c], [a, c, d]]
+                        .into_iter()
+                        .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]),
+                );
+            }
+        }
+        (self.over(faces, &parameters), parameters)
+    }
+
+    /// The mesh of these triangles over the points at these parameters.
+    fn over(&self, triangles: Vec<[u32; 3]>, parameters: &[[f64; 2]]) -> TriangleMesh {
+        TriangleMesh {
+            positions: parameters.iter().map(|&[u, v]| self.point(u, v)).collect(),
+            triangles,
+        }
+    }
+
+    /// The mesh that searches start from; made on first use.
+    fn dense(&self) -> &Dense {
+        self.dense.get_or_init(|| {
+            let triangles = match &self.form {
+                Form::Closed(_) => SEARCH_TRIANGLES + 2_000,
+                Form::Spline(surface) => (100 * surface.space().leaves().len()).clamp(8_000, SEARCH_TRIANGLES),
+            };
+            let (mesh, parameters) = self.mesh_and_parameters(triangles);
+            let search = MeshSearch::try_new(&mesh).expect("a grid over a finite surface is a mesh");
+            let largest_element = parameters
+                .iter()
+                .map(|&[u, v]| self.proposal_element(u, v))
+                .fold(0.0_f64, f64::max);
+            let diagonal = mesh.bounding_box().map_or(0.0, |b| b.diagonal());
+            Dense {
+                mesh,
+                parameters,
+                search,
+                largest_element,
+                diagonal,
+            }
+        })
+    }
+
+    /// A dense mesh prepared for rays and closest points; its vertices lie on the surface.
+    #[must_use]
+    pub fn search(&self) -> &MeshSearch {
+        &self.dense().search
+    }
+
+    /// Area per unit of what [`Truth::propose`] is uniform in.
+    fn proposal_element(&self, u: f64, v: f64) -> f64 {
+        let jet = self.regular_jet(u, v);
+        norm(cross(jet.du, jet.dv))
+    }
+
+    /// Parameters spread evenly: over the unit sphere for a ball in closed form, over `(u, v)` for all others.
+    fn propose(&self, rng: &mut impl Rng) -> [f64; 2] {
+        let (u, v): (f64, f64) = (rng.random(), rng.random());
+        match &self.form {
+            Form::Closed(ClosedForm::Ball(_)) => [u, (1.0 - 2.0 * v).acos() / std::f64::consts::PI],
+            _ => [u, v],
+        }
+    }
+
+    /// Independent points of uniform density per area of the true surface, by rejection.
+    ///
+    /// Cost: two to four derivatives a point.
+    #[must_use]
+    pub fn sample_area_uniform(&self, count: usize, rng: &mut impl Rng) -> Vec<TruthPoint> {
+        // The margin covers maxima between the vertices of the dense mesh.
+        let bound = 1.05 * self.dense().largest_element;
+        let mut points = Vec::with_capacity(count);
+        while points.len() < count {
+            let [u, v] = self.propose(rng);
+            if rng.random::<f64>() * bound < self.proposal_element(u, v) {
+                points.push(self.at([u, v]));
+            }
+        }
+        points
+    }
+
+    /// The nearest point of the true surface and the signed distance to it, by Newton's method from the dense mesh.
+    ///
+    /// Exact to about 1e-12 of the size. None only for a point that is not finite.
+    #[must_use]
+    pub fn foot(&self, z: [f64; 3]) -> Option<TruthFoot> {
+        let dense = self.dense();
+        let near = dense.search.closest(z)?;
+        let start = dense.parameters[self.corner(near.triangle, near.barycentric)];
+        let (point, at_border) = match &self.form {
+            Form::Closed(form) => descend(form, z, start),
+            Form::Spline(surface) => {
+                let space = surface.space();
+                let [a, b] = space.extent();
+                let options = ProjectionOptions {
+                    max_steps: 60,
+                    relative_tolerance: 1e-12,
+                };
+                let foot = surface.project(z, [start[0] * a, start[1] * b], &options);
+                let [u, v] = space.parameters(foot.leaf as usize, foot.local);
+                let position = foot.jet.point;
+                (
+                    TruthPoint {
+                        parameters: [u / a, v / b],
+                        position,
+                        normal: foot.normal,
+                    },
+                    foot.at_border,
+                )
+            }
+        };
+        let offset = sub(z, point.position);
+        let signed_distance = norm(offset).copysign(dot(offset, point.normal));
+        Some(TruthFoot {
+            point,
+            signed_distance,
+            at_border,
+        })
+    }
+
+    /// The vertex of the dense mesh that is nearest to a point of one of its triangles.
+    fn corner(&self, triangle: u32, barycentric: [f64; 3]) -> usize {
+        let k = (0..3)
+            .max_by(|&a, &b| barycentric[a].total_cmp(&barycentric[b]))
+            .unwrap_or(0);
+        self.dense().mesh.triangles[triangle as usize][k] as usize
+    }
+
+    /// Where a ray with a unit direction first meets the true surface, from either side, and how far that is.
+    ///
+    /// The first hit on the dense mesh, carried to the surface by Newton's method; none also where that fails: the ray grazes.
+    #[must_use]
+    pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<(TruthPoint, f64)> {
+        let dense = self.dense();
+        let hit = dense.search.first_hit(origin, direction)?;
+        let mut at = dense.parameters[self.corner(hit.triangle, hit.barycentric)];
+        let mut along = hit.distance;
+        for _ in 0..30 {
+            let jet = self.regular_jet(at[0], at[1]);
+            let r = sub(add_scaled(origin, along, direction), jet.point);
+            // S_u s + S_v t − d λ = r, by Cramer's rule.
+            let normal = cross(jet.du, jet.dv);
+            let determinant = -dot(normal, direction);
+            if determinant.abs() <= 1e-9 * norm(normal) {
+                return None;
+            }
+            let s = -dot(cross(r, jet.dv), direction) / determinant;
+            let t = -dot(cross(jet.du, r), direction) / determinant;
+            along += dot(normal, r) / determinant;
+            at = self.moved(at, [s, t]);
+            if distance(self.point(at[0], at[1]), add_scaled(origin, along, direction)) <= 1e-12 * (1.0 + along.abs()) {
+                let point = self.at(at);
+                // No facet lies a thousandth of the size away from its surface: farther is another part of it.
+                let cosine = dot(point.normal, direction).abs().max(0.05);
+                return ((along - hit.distance).abs() * cosine <= 1e-3 * dense.diagonal).then_some((point, along));
+            }
+        }
+        None
+    }
+
+    fn moved(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
+        // No more than a few facets at once.
+        let longest = step[0].hypot(step[1]);
+        let share = if longest > 0.05 { 0.05 / longest } else { 1.0 };
+        let step = step.map(|s| share * s);
+        match &self.form {
+            Form::Closed(form) => form.moved(at, step),
+            Form::Spline(surface) => {
+                let [a, b] = surface.space().extent();
+                let [u, v] = surface.space().wrap((at[0] + step[0]) * a, (at[1] + step[1]) * b);
+                [u / a, v / b]
+            }
+        }
+    }
+
+    /// Diagonal of the box around the surface.
+    #[must_use]
+    pub fn diagonal(&self) -> f64 {
+        self.dense().diagonal
+    }
+}
+
+/// Damped Newton for the nearest point: full where the Hessian is positive definite, Gauss–Newton elsewhere.
+fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool) {
+    let open = match form {
+        ClosedForm::Sheet(_) => [true, true],
+        ClosedForm::Tube(_) => [false, true],
+        ClosedForm::Ball(_) => [false, false],
+    };
+    let mut at = start;
+    let mut jet = form.regular_jet(at[0], at[1]);
+    let mut held = [false; 2];
+    for _ in 0..60 {
+        let r = sub(jet.point, z);
+        let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+        for d in 0..2 {
+            held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= 1.0 && gradient[d] < 0.0));
+        }
+        let [e, f, g] = jet.first_form();
+        let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), g + dot(jet.dvv, r)];
+        let definite = full[0] > 0.0 && full[0] * full[2] - full[1] * full[1] > 0.05 * (e * g - f * f);
+        let [a, b, c] = if definite { full } else { [e, f, g] };
+        let step = match held {
+            [true, true] => break,
+            [true, false] => [0.0, -gradient[1] / c],
+            [false, true] => [-gradient[0] / a, 0.0],
+            [false, false] => {
+                let determinant = a * c - b * b;
+                [
+                    -(c * gradient[0] - b * gradient[1]) / determinant,
+                    -(a * gradient[1] - b * gradient[0]) / determinant,
+                ]
+            }
+        };
+        let mut share = (0.05 / step[0].hypot(step[1])).min(1.0);
+        let mut moved = false;
+        for _ in 0..12 {
+            let next = form.moved(at, step.map(|s| share * s));
+            let next_jet = form.regular_jet(next[0], next[1]);
+            if norm(sub(next_jet.point, z)) <= norm(r) * (1.0 + 1e-15) {
+                (at, jet) = (next, next_jet);
+                moved = true;
+                break;
+            }
+            share *= 0.4;
+        }
+        if !moved || share * step[0].hypot(step[1]) < 1e-14 {
+            break;
+        }
+    }
+    let normal = jet.normal().unwrap_or([0.0; 3]);
+    (
+        TruthPoint {
+            parameters: at,
+            position: jet.point,
+            normal,
+        },
+        held[0] || held[1],
+    )
+}
+
+/// An error for what only makes sense of a positive, finite number.
+pub(super) fn positive(name: &str, value: f64) -> Result<f64> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(value);
+    }
+    Err(Error::input(format!("needed {name} > 0, found {value}")))
+}

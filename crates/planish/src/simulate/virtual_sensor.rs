@@ -1,0 +1,342 @@
+//! Sensors that measure a known surface.
+//!
+//! Comes in: a [`Truth`], where the sensor stands and how it errs. Goes out: a [`Scan`] in the sensor's frame, and for each
+//! of its readings what was really there. Every reading has its own stream of random numbers: one that is dropped changes no
+//! other, and the number of threads changes none.
+//!
+//! Not guaranteed: mixed readings at depth edges, or correlated errors: readings err independently.
+
+use super::truth::{Truth, TruthPoint, positive};
+use planish_estimate::vector3::{add, add_scaled, dot, scale, tangents, unit};
+use planish_estimate::{Error, Result};
+use planish_sense::{Noise, Pose, RangeGrid, Scan, Viewing, ray_at};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use rayon::prelude::*;
+
+/// What a simulated reading really saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrueReading {
+    /// The point of the true surface, in the world's frame.
+    pub point: TruthPoint,
+    /// Whether a gross error was added.
+    pub outlier: bool,
+    /// The reading's true noise over the sensor's: 1 but for sensors of uneven σ.
+    pub noise_factor: f64,
+}
+
+/// A scan and what its readings really saw, one for one.
+#[derive(Debug, Clone)]
+pub struct VirtualScan {
+    /// The readings, in the sensor's frame.
+    pub scan: Scan,
+    /// What each of them saw.
+    pub truth: Vec<TrueReading>,
+}
+
+/// The rays of a range scanner, in its own frame: it looks along −z; columns run along x, rows along y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Optics {
+    /// Parallel rays from a rectangle around the origin.
+    Parallel {
+        /// Half the sides of the rectangle, in the model's unit.
+        half: [f64; 2],
+    },
+    /// Rays from the origin through a rectangle at distance 1.
+    Central {
+        /// Half the sides of the rectangle: tangents of half the field of view.
+        tangents: [f64; 2],
+    },
+}
+
+/// A range scanner: a grid of rays, blind to what is hidden or seen at a grazing angle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VirtualScanner {
+    /// Name of the scan.
+    pub name: String,
+    /// Where it stands.
+    pub world_from_scanner: Pose,
+    /// Its rays.
+    pub optics: Optics,
+    /// Columns and rows of its grid.
+    pub grid: [usize; 2],
+    /// Its true noise, at the middle of its field of view.
+    pub noise: Noise,
+    /// σ grows by this share from the middle of the field of view to its corners, with the square of the distance.
+    pub unevenness: f64,
+    /// True σ over the σ that the readings state themselves; only sensors of uneven σ state one a reading.
+    pub misstatement: f64,
+    /// Readings at a larger angle between ray and normal, in degrees, are dropped.
+    pub grazing_deg: f64,
+    /// Share of the readings with a gross error along the ray.
+    pub outlier_share: f64,
+    /// The largest gross error, in the model's unit; the smallest is a tenth of it, and at least 10 σ.
+    pub outlier_size: f64,
+    /// Whether the scan keeps its grid.
+    pub organised: bool,
+}
+
+impl VirtualScanner {
+    /// A scanner with plain settings: even σ, honest, no outliers, blind beyond 75°, organised.
+    #[must_use]
+    pub fn new(name: &str, world_from_scanner: Pose, optics: Optics, grid: [usize; 2], noise: Noise) -> Self {
+        Self {
+            name: name.to_owned(),
+            world_from_scanner,
+            optics,
+            grid,
+            noise,
+            unevenness: 0.0,
+            misstatement: 1.0,
+            grazing_deg: 75.0,
+            outlier_share: 0.0,
+            outlier_size: 0.0,
+            organised: true,
+        }
+    }
+
+    /// How it looks, in its own frame.
+    #[must_use]
+    pub fn viewing(&self) -> Viewing {
+        match self.optics {
+            Optics::Parallel { .. } => Viewing::Direction([0.0, 0.0, -1.0]),
+            Optics::Central { .. } => Viewing::Origin([0.0; 3]),
+        }
+    }
+
+    /// Proves that the settings make sense.
+    ///
+    /// # Errors
+    /// `Input` for an empty grid, sizes or σ that are not positive, a share outside [0, 1).
+    pub fn sanity_check(&self) -> Result<()> {
+        check_noise(self.noise)?;
+        let (Optics::Parallel { half: sides } | Optics::Central { tangents: sides }) = self.optics;
+        for side in sides {
+            positive("sides of the field of view", side)?;
+        }
+        positive("misstatement", self.misstatement)?;
+        if self.grid[0]
+            .checked_mul(self.grid[1])
+            .is_none_or(|cells| cells == 0 || cells >= u32::MAX as usize)
+        {
+            return Err(Error::input(format!(
+                "needed a grid of 1 to {} cells, found {:?}",
+                u32::MAX - 1,
+                self.grid
+            )));
+        }
+        if !(self.unevenness >= 0.0 && self.unevenness.is_finite()) {
+            return Err(Error::input(format!(
+                "needed unevenness of at least 0, found {}",
+                self.unevenness
+            )));
+        }
+        if !(0.0..1.0).contains(&self.outlier_share) {
+            return Err(Error::input(format!(
+                "needed an outlier share in [0, 1), found {}",
+                self.outlier_share
+            )));
+        }
+        if self.outlier_share > 0.0 {
+            positive("outlier size", self.outlier_size)?;
+        }
+        Ok(())
+    }
+
+    /// Origin and unit direction of the ray of a cell, in the scanner's frame, and the square of its distance from the middle
+    /// of the field of view: 1 at the corners.
+    fn ray(&self, cell: usize) -> ([f64; 3], [f64; 3], f64) {
+        let index = [cell % self.grid[0], cell / self.grid[0]];
+        let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
+        let rho2 = 0.5 * (a * a + b * b);
+        match self.optics {
+            Optics::Parallel { half } => ([a * half[0], b * half[1], 0.0], [0.0, 0.0, -1.0], rho2),
+            Optics::Central { tangents } => {
+                let d = [a * tangents[0], b * tangents[1], -1.0];
+                ([0.0; 3], unit(d).unwrap_or([0.0, 0.0, -1.0]), rho2)
+            }
+        }
+    }
+
+    /// What a cell's ray meets: the point, where it is not hidden, not seen from behind and not at a grazing angle.
+    fn sees(&self, truth: &Truth, cell: usize) -> Option<TruthPoint> {
+        let (origin, direction, _) = self.ray(cell);
+        let direction = self.world_from_scanner.rotate(direction);
+        let (point, _) = truth.first_hit(self.world_from_scanner.apply(origin), direction)?;
+        (-dot(point.normal, direction) > self.grazing_deg.to_radians().cos()).then_some(point)
+    }
+
+    /// How many of its rays give a reading. Cost: one ray a cell.
+    #[must_use]
+    pub fn count(&self, truth: &Truth) -> usize {
+        let cells = self.grid[0] * self.grid[1];
+        (0..cells)
+            .into_par_iter()
+            .filter(|&cell| self.sees(truth, cell).is_some())
+            .count()
+    }
+
+    /// Scans a surface. The same bytes for the same seed. Cost: one ray a cell, in parallel.
+    ///
+    /// # Errors
+    /// As [`VirtualScanner::sanity_check`].
+    pub fn scan(&self, truth: &Truth, seed: u64) -> Result<VirtualScan> {
+        self.sanity_check()?;
+        let scanner_from_world = self.world_from_scanner.inverse();
+        let cells = self.grid[0] * self.grid[1];
+        let read = |cell: usize| -> Option<([f64; 3], [f64; 3], TrueReading)> {
+            let point = self.sees(truth, cell)?;
+            let (_, ray, rho2) = self.ray(cell);
+            let noise_factor = 1.0 + self.unevenness * rho2;
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(cell as u64);
+            let mut z = add(
+                scanner_from_world.apply(point.position),
+                draw(self.noise, ray, noise_factor, &mut rng),
+            );
+            let outlier = rng.random::<f64>() < self.outlier_share;
+            if outlier {
+                let least = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
+                let most = self.outlier_size.max(2.0 * least);
+                let size = least + (most - least) * rng.random::<f64>();
+                let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
+                z = add_scaled(z, side * size, ray);
+            }
+            Some((
+                z,
+                ray,
+                TrueReading {
+                    point,
+                    outlier,
+                    noise_factor,
+                },
+            ))
+        };
+        let readings: Vec<_> = (0..cells).into_par_iter().with_min_len(256).map(read).collect();
+
+        let viewing = self.viewing();
+        let mut scan = Scan {
+            name: self.name.clone(),
+            viewing,
+            world_from_scanner: self.world_from_scanner,
+            ..Scan::default()
+        };
+        let mut grid = Vec::with_capacity(cells);
+        let mut seen = Vec::new();
+        let (mut sigma, mut covariance) = (Vec::new(), Vec::new());
+        for reading in readings {
+            grid.push(reading.map_or(RangeGrid::EMPTY, |_| scan.points.len() as u32));
+            let Some((z, ray, reading)) = reading else { continue };
+            let stated = scaled(self.noise, reading.noise_factor / self.misstatement);
+            match stated {
+                Noise::Isotropic { sigma: s } => sigma.push(s),
+                Noise::Ray { .. } => covariance.push(stated.covariance(Some(ray_at(viewing, z).unwrap_or(ray)))),
+            }
+            scan.points.push(z);
+            seen.push(reading);
+        }
+        if self.unevenness > 0.0 {
+            scan.sigma = Some(sigma).filter(|s| !s.is_empty());
+            scan.covariance = Some(covariance).filter(|c| !c.is_empty());
+        }
+        if self.organised {
+            scan.grid = Some(RangeGrid {
+                columns: self.grid[0],
+                rows: self.grid[1],
+                cells: grid,
+            });
+        }
+        Ok(VirtualScan { scan, truth: seen })
+    }
+}
+
+/// A touch probe: few points, spread evenly over the surface, with a small error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VirtualProbe {
+    /// Name of the scan.
+    pub name: String,
+    /// Where its frame stands.
+    pub world_from_probe: Pose,
+    /// How many points it takes.
+    pub points: usize,
+    /// Its true σ, in every direction.
+    pub sigma: f64,
+}
+
+impl VirtualProbe {
+    /// Touches a surface at area-uniform points.
+    ///
+    /// # Errors
+    /// `Input` for a σ that is not positive.
+    pub fn scan(&self, truth: &Truth, seed: u64) -> Result<VirtualScan> {
+        positive("sigma", self.sigma)?;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let probe_from_world = self.world_from_probe.inverse();
+        let touched = truth.sample_area_uniform(self.points, &mut rng);
+        let mut scan = Scan {
+            name: self.name.clone(),
+            world_from_scanner: self.world_from_probe,
+            ..Scan::default()
+        };
+        let noise = Noise::Isotropic { sigma: self.sigma };
+        let mut seen = Vec::with_capacity(touched.len());
+        for point in touched {
+            let error = draw(noise, [0.0, 0.0, 1.0], 1.0, &mut rng);
+            scan.points.push(add(probe_from_world.apply(point.position), error));
+            seen.push(TrueReading {
+                point,
+                outlier: false,
+                noise_factor: 1.0,
+            });
+        }
+        Ok(VirtualScan { scan, truth: seen })
+    }
+}
+
+/// The same noise, larger by a factor.
+pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
+    match noise {
+        Noise::Isotropic { sigma } => Noise::Isotropic { sigma: factor * sigma },
+        Noise::Ray {
+            sigma_along,
+            sigma_across,
+        } => Noise::Ray {
+            sigma_along: factor * sigma_along,
+            sigma_across: factor * sigma_across,
+        },
+    }
+}
+
+/// A Gaussian error of a reading along a unit ray.
+fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64; 3] {
+    let [a, b, c]: [f64; 3] = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
+    match noise {
+        Noise::Isotropic { sigma } => scale(sigma, [a, b, c]),
+        Noise::Ray {
+            sigma_along,
+            sigma_across,
+        } => {
+            let (e1, e2) = tangents(ray);
+            add_scaled(
+                add_scaled(scale(sigma_along * a, ray), sigma_across * b, e1),
+                sigma_across * c,
+                e2,
+            )
+        }
+    }
+}
+
+fn check_noise(noise: Noise) -> Result<()> {
+    match noise {
+        Noise::Isotropic { sigma } => positive("sigma", sigma)?,
+        Noise::Ray {
+            sigma_along,
+            sigma_across,
+        } => {
+            positive("sigma_along", sigma_along)?;
+            positive("sigma_across", sigma_across)?
+        }
+    };
+    Ok(())
+}
