@@ -2,6 +2,7 @@
 //!
 //! The jobs of Planish as functions. `planish-cli` parses a command line, calls them and prints.
 
+pub mod brep;
 pub mod fit;
 pub mod model;
 pub mod progress;

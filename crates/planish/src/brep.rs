@@ -1,0 +1,381 @@
+//! Surfaces as boundary representations, for CAD programs.
+//!
+//! Comes in: a [`Surface`] over any hierarchy. Goes out: a [`Brep`] of bicubic B-spline faces that are this surface
+//! exactly: hierarchical splines are tensor splines wherever one level is carried all over a face, and clamping the ends of
+//! the knots changes the outermost two control points only. Inner knots stay simple, so faces are C² inside.
+//!
+//! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two halves, a torus in four
+//! quarters); a large one in a face for each cell of the base grid, each at its own finest level. Neighbours share edges,
+//! whose curves are taken from the finer side.
+//!
+//! Not guaranteed: that faces do not cross each other where the surface folds.
+//!
+//! # References
+//! Boehm, *Inserting new knots into B-spline curves*, CAD 1980 (clamping); Ramshaw, *Blossoms are polar forms*, CAGD 1989.
+
+use planish_estimate::vector3::{cross, dot, sub};
+use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
+use planish_spline::{Cell, Hierarchy, Shape, Surface, quadrature};
+
+/// When a surface is cut into many faces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BrepOptions {
+    /// Most control points in all with which the surface is still written in as few faces as closing allows.
+    pub max_control_points: usize,
+}
+
+impl Default for BrepOptions {
+    /// 60,000 control points: a file of about 4 MB.
+    fn default() -> Self {
+        Self {
+            max_control_points: 60_000,
+        }
+    }
+}
+
+/// The exact surface as B-spline faces; closed for a ball and a torus, and then with its faces turned outward.
+///
+/// A face's parameters are the surface's, in base-grid units. Cost: linear in the control points written.
+///
+/// # Examples
+/// ```
+/// use planish::brep::{BrepOptions, brep_from_surface};
+/// use planish_spline::BaseShape;
+/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let brep = brep_from_surface(&ball, &BrepOptions::default());
+/// assert_eq!((brep.faces.len(), brep.edges.len(), brep.vertices.len()), (2, 2, 2));
+/// brep.check(1e-9)?;
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
+#[must_use]
+pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
+    let space = surface.space();
+    let [columns, rows] = space.base().map(|n| n as u32);
+    let shape = space.shape();
+    let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
+    let few = Patches::new(
+        space,
+        [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())],
+    );
+    let patches = if few.control_points() <= options.max_control_points {
+        few
+    } else {
+        Patches::new(space, [(0..=columns).collect(), (0..=rows).collect()])
+    };
+    patches.brep(surface)
+}
+
+/// The base grid, cut into a coarser grid of patches.
+struct Patches {
+    shape: Shape,
+    /// Where the cuts are along u and v, in base cells, both ends of the domain included.
+    cuts: [Vec<u32>; 2],
+    /// For each patch, row by row, the level of its finest leaf.
+    levels: Vec<u8>,
+}
+
+impl Patches {
+    fn new(space: &Hierarchy, cuts: [Vec<u32>; 2]) -> Self {
+        let mut levels = vec![0; (cuts[0].len() - 1) * (cuts[1].len() - 1)];
+        for cell in space.leaves() {
+            let patch = |d: usize, index: u32| cuts[d].partition_point(|&cut| cut <= index >> cell.level) - 1;
+            let at = patch(1, cell.j) * (cuts[0].len() - 1) + patch(0, cell.i);
+            levels[at] = cell.level.max(levels[at]);
+        }
+        Self {
+            shape: space.shape(),
+            cuts,
+            levels,
+        }
+    }
+
+    /// Patches along u and v.
+    fn count(&self) -> [usize; 2] {
+        [self.cuts[0].len() - 1, self.cuts[1].len() - 1]
+    }
+
+    fn level(&self, [a, b]: [usize; 2]) -> u8 {
+        self.levels[b * self.count()[0] + a]
+    }
+
+    /// Spans of a patch at its level, along a direction.
+    fn spans(&self, patch: [usize; 2], d: usize) -> usize {
+        let cuts = &self.cuts[d][patch[d]..];
+        ((cuts[1] - cuts[0]) as usize) << self.level(patch)
+    }
+
+    fn control_points(&self) -> usize {
+        self.all()
+            .map(|patch| (self.spans(patch, 0) + 3) * (self.spans(patch, 1) + 3))
+            .sum()
+    }
+
+    fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+        let [nu, nv] = self.count();
+        (0..nv).flat_map(move |b| (0..nu).map(move |a| [a, b]))
+    }
+
+    /// Clamped knots of a patch along a direction.
+    fn knots(&self, patch: [usize; 2], d: usize) -> Vec<(f64, usize)> {
+        let spans = self.spans(patch, d);
+        let side = 0.5_f64.powi(i32::from(self.level(patch)));
+        let start = f64::from(self.cuts[d][patch[d]]);
+        (0..=spans)
+            .map(|k| (start + k as f64 * side, if k == 0 || k == spans { 4 } else { 1 }))
+            .collect()
+    }
+
+    /// The tensor surface on a patch; a pole's row is exactly the pole.
+    fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
+        let level = self.level(patch);
+        let [nu, nv] = [0, 1].map(|d| self.spans(patch, d));
+        let [i0, j0] = [0, 1].map(|d| self.cuts[d][patch[d]] << level);
+        let (n_u, n_v) = (nu + 3, nv + 3);
+        let mut poles = vec![[0.0; 3]; n_u * n_v];
+        for j in 0..nv {
+            for i in 0..nu {
+                let cell = Cell {
+                    level,
+                    i: i0 + i as u32,
+                    j: j0 + j as u32,
+                };
+                let c = surface
+                    .cell_coefficients(cell)
+                    .expect("no leaf of a patch is finer than its level");
+                for k in 0..16 {
+                    poles[(i + k % 4) * n_v + j + k / 4] = c[k];
+                }
+            }
+        }
+        for row in 0..n_v {
+            clamp_ends(&mut poles, row, n_v, n_u);
+        }
+        for column in 0..n_u {
+            clamp_ends(&mut poles, column * n_v, 1, n_v);
+        }
+        if self.shape.polar() {
+            for (at_pole, row, v) in [
+                (patch[1] == 0, 0, 0.0),
+                (patch[1] + 1 == self.count()[1], n_v - 1, surface.space().extent()[1]),
+            ] {
+                if at_pole {
+                    let pole = surface.point(0.0, v);
+                    for column in 0..n_u {
+                        poles[column * n_v + row] = pole;
+                    }
+                }
+            }
+        }
+        BsplineSurface {
+            degree_u: 3,
+            degree_v: 3,
+            knots_u: self.knots(patch, 0),
+            knots_v: self.knots(patch, 1),
+            n_u,
+            n_v,
+            poles,
+        }
+    }
+
+    fn brep(&self, surface: &Surface) -> Brep {
+        let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
+        let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
+        let outward = !closed || encloses_positive_volume(surface);
+        let mut sewing = Sewing {
+            patches: self,
+            surfaces: &surfaces,
+            brep: Brep {
+                closed,
+                ..Brep::default()
+            },
+            vertices: Vec::new(),
+            edges: [Vec::new(), Vec::new()],
+        };
+        sewing.add_vertices();
+        sewing.add_edges(0);
+        sewing.add_edges(1);
+        let loops: Vec<_> = self.all().map(|patch| sewing.face_loop(patch, outward)).collect();
+        let mut brep = sewing.brep;
+        brep.faces = surfaces
+            .into_iter()
+            .zip(loops)
+            .map(|(surface, edges)| BrepFace {
+                surface,
+                edges,
+                same_sense: outward,
+            })
+            .collect();
+        brep
+    }
+}
+
+/// Vertices and edges between the patches, each made once.
+///
+/// Grid lines are numbered like the patches that start there, and one more where a direction is open; line `n` of a closed
+/// direction is line 0.
+struct Sewing<'a> {
+    patches: &'a Patches,
+    surfaces: &'a [BsplineSurface],
+    brep: Brep,
+    /// For each crossing of grid lines, row by row.
+    vertices: Vec<usize>,
+    /// Edges along u and along v, from the crossing on; none along a pole.
+    edges: [Vec<Option<usize>>; 2],
+}
+
+impl Sewing<'_> {
+    fn lines(&self) -> [usize; 2] {
+        let [nu, nv] = self.patches.count();
+        let shape = self.patches.shape;
+        [
+            nu + usize::from(!shape.periodic_u()),
+            nv + usize::from(!shape.periodic_v()),
+        ]
+    }
+
+    fn crossing(&self, a: usize, b: usize) -> usize {
+        let [lu, lv] = self.lines();
+        (b % lv) * lu + a % lu
+    }
+
+    fn is_pole(&self, b: usize) -> bool {
+        self.patches.shape.polar() && (b == 0 || b == self.patches.count()[1])
+    }
+
+    fn patch_surface(&self, [a, b]: [usize; 2]) -> &BsplineSurface {
+        &self.surfaces[b * self.patches.count()[0] + a]
+    }
+
+    fn add_vertices(&mut self) {
+        let [lu, lv] = self.lines();
+        let [nu, nv] = self.patches.count();
+        for b in 0..lv {
+            for a in 0..lu {
+                if self.is_pole(b) && a > 0 {
+                    self.vertices.push(self.vertices[b * lu]);
+                    continue;
+                }
+                let patch = [a.min(nu - 1), b.min(nv - 1)];
+                let s = self.patch_surface(patch);
+                let i = if a == nu { s.n_u - 1 } else { 0 };
+                let j = if b == nv { s.n_v - 1 } else { 0 };
+                let position = s.poles[i * s.n_v + j];
+                self.vertices.push(self.brep.vertices.len());
+                self.brep.vertices.push(position);
+            }
+        }
+    }
+
+    /// Edges along a direction.
+    fn add_edges(&mut self, d: usize) {
+        let (lines, count) = (self.lines(), self.patches.count());
+        let mut edges = vec![None; lines[0] * lines[1]];
+        for b in 0..lines[1].min(if d == 1 { count[1] } else { usize::MAX }) {
+            for a in 0..lines[0].min(if d == 0 { count[0] } else { usize::MAX }) {
+                if d == 0 && self.is_pole(b) {
+                    continue;
+                }
+                // The patches on both sides: the line is the first side of one and the last of the other.
+                let across = 1 - d;
+                let line = [a, b][across];
+                let closed = lines[across] == count[across];
+                let mut sides = Vec::new();
+                for (ahead, present, index) in [
+                    (true, line < count[across], line),
+                    (false, line > 0 || closed, (line + count[across] - 1) % count[across]),
+                ] {
+                    if present {
+                        let mut patch = [a, b];
+                        patch[across] = index;
+                        sides.push((self.patches.level(patch), ahead, patch));
+                    }
+                }
+                // The finer side, and of equals the one ahead.
+                let Some(&(_, ahead, patch)) = sides.iter().max_by_key(|(level, ahead, _)| (*level, *ahead)) else {
+                    continue;
+                };
+                let mut curve = border_curve(self.patch_surface(patch), d, ahead);
+                let next = if d == 0 { (a + 1, b) } else { (a, b + 1) };
+                let [start, end] = [(a, b), next].map(|(a, b)| self.vertices[self.crossing(a, b)]);
+                // Neighbours of other levels differ in the last digit.
+                let last = curve.poles.len() - 1;
+                curve.poles[0] = self.brep.vertices[start];
+                curve.poles[last] = self.brep.vertices[end];
+                edges[b * lines[0] + a] = Some(self.brep.edges.len());
+                self.brep.edges.push(BrepEdge { curve, start, end });
+            }
+        }
+        self.edges[d] = edges;
+    }
+
+    /// A face's edges, counter-clockwise seen from its outer side.
+    fn face_loop(&self, [a, b]: [usize; 2], outward: bool) -> Vec<(usize, bool)> {
+        let edge = |d: usize, a: usize, b: usize| self.edges[d][self.crossing(a, b)];
+        let around = [
+            (edge(0, a, b), true),
+            (edge(1, a + 1, b), true),
+            (edge(0, a, b + 1), false),
+            (edge(1, a, b), false),
+        ];
+        let mut out: Vec<(usize, bool)> = around
+            .into_iter()
+            .filter_map(|(edge, forward)| edge.map(|edge| (edge, forward == outward)))
+            .collect();
+        if !outward {
+            out.reverse();
+        }
+        out
+    }
+}
+
+/// The first (`at_start`) or last border of a surface that runs along a direction.
+fn border_curve(surface: &BsplineSurface, d: usize, at_start: bool) -> BsplineCurve {
+    let (n_u, n_v) = (surface.n_u, surface.n_v);
+    let poles = if d == 0 {
+        let j = if at_start { 0 } else { n_v - 1 };
+        (0..n_u).map(|i| surface.poles[i * n_v + j]).collect()
+    } else {
+        let i = if at_start { 0 } else { n_u - 1 };
+        surface.poles[i * n_v..(i + 1) * n_v].to_vec()
+    };
+    let knots = if d == 0 { &surface.knots_u } else { &surface.knots_v };
+    BsplineCurve {
+        degree: 3,
+        knots: knots.clone(),
+        poles,
+    }
+}
+
+/// Turns the uniform coefficients of a cubic spline (`count` of them from `first` on, `stride` apart) into those over clamped
+/// knots.
+///
+/// By blossoms, with knots 0, 1, … from the end on: `f(0,0,0) = (c0 + 4 c1 + c2)/6`, `f(0,0,1) = (2 c1 + c2)/3`, and
+/// `f(0,1,2) = c2` as before.
+fn clamp_ends(c: &mut [[f64; 3]], first: usize, stride: usize, count: usize) {
+    let at = |k: usize| first + k * stride;
+    let ends = [[0, 1, 2], [count - 1, count - 2, count - 3]].map(|[k0, k1, k2]| {
+        let (c0, c1, c2) = (c[at(k0)], c[at(k1)], c[at(k2)]);
+        [
+            (k0, [0, 1, 2].map(|d| (c0[d] + 4.0 * c1[d] + c2[d]) / 6.0)),
+            (k1, [0, 1, 2].map(|d| (2.0 * c1[d] + c2[d]) / 3.0)),
+        ]
+    });
+    for (k, value) in ends.into_iter().flatten() {
+        c[at(k)] = value;
+    }
+}
+
+/// Whether `S_u × S_v` of a closed surface points outward: `∫ (S − p)·(S_u × S_v) du dv > 0`.
+fn encloses_positive_volume(surface: &Surface) -> bool {
+    let space = surface.space();
+    let origin = surface.leaf_point(0, 0.5, 0.5);
+    let mut volume = 0.0;
+    for (leaf, cell) in space.leaves().iter().enumerate() {
+        let area = cell.side() * cell.side();
+        for q in quadrature() {
+            let jet = surface.leaf_jet(leaf, q.local[0], q.local[1]);
+            volume += area * q.weight * dot(sub(jet.point, origin), cross(jet.du, jet.dv));
+        }
+    }
+    volume >= 0.0
+}
