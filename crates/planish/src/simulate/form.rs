@@ -157,16 +157,17 @@ impl ClosedForm {
             }
             Shape::Ball => {
                 let semi_axes = [0.5, 0.42, 0.34].map(|share| size * share * between(0.95, 1.05));
-                let bumps = (0..7)
+                let bumps = (0..10)
                     .map(|k| {
-                        let sharpness = [2.0, 4.0, 7.0, 12.0][k % 4] * between(0.8, 1.2);
+                        let sharpness = [4.0, 7.0, 12.0, 20.0][k % 4] * between(0.8, 1.2);
                         let (z, angle) = (between(-1.0, 1.0), between(0.0, TAU));
                         let ring = (1.0 - z * z).sqrt();
                         let sign = if between(0.0, 1.0) < 0.4 { -1.0 } else { 1.0 };
                         BallBump {
                             direction: [ring * angle.cos(), ring * angle.sin(), z],
                             sharpness,
-                            amplitude: sign * between(0.2, 0.4) / sharpness,
+                            // From 1 on, a dent is hollow.
+                            amplitude: sign * between(0.5, 1.1) / sharpness,
                         }
                     })
                     .collect();

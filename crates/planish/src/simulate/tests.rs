@@ -604,3 +604,22 @@ fn options_that_make_no_sense_are_refused() {
     let file = tempfile::NamedTempFile::new().unwrap();
     assert_eq!(write_scans_scene(&good, file.path()).unwrap_err().kind(), ErrorKind::Io);
 }
+
+#[test]
+fn the_pebble_that_ships_is_what_its_readme_says() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/data/pebble");
+    let shipped = read_inputs(&[folder.join("job.toml")], None).unwrap();
+    let made = scans(&ScanSceneOptions {
+        seed: 7,
+        readings: 12_000,
+        ..ScanSceneOptions::default()
+    })
+    .unwrap();
+    assert_eq!(shipped.sensors, made.set.sensors);
+    for (a, b) in shipped.scans.iter().zip(&made.set.scans) {
+        assert_eq!((&a.scan.name, a.scan.points.len()), (&b.scan.name, b.scan.points.len()));
+        // Sine and exponential differ in their last digits from system to system.
+        let pairs = a.scan.points.iter().zip(&b.scan.points);
+        assert!(pairs.into_iter().all(|(p, q)| near(*p, *q, 1e-6)));
+    }
+}
