@@ -3,7 +3,16 @@
 //! The jobs of Planish as functions. `planish-cli` parses a command line, calls them and prints.
 
 pub mod brep;
+pub mod compare;
 pub mod fit;
+pub mod mesh_output;
 pub mod model;
+mod output;
+mod point_sigmas;
 pub mod progress;
+pub mod saved;
 pub mod simulate;
+#[cfg(test)]
+mod test_support;
+
+pub use planish_estimate::{Error, ErrorKind, Result};

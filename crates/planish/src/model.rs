@@ -94,7 +94,11 @@ impl SurfaceModel {
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
         let factor = system.factorize_scalar(&total)?;
-        Ok(Posterior { model: self, inverse: SelectedInverse::new(&factor), directions })
+        Ok(Posterior {
+            model: self,
+            inverse: SelectedInverse::new(&factor),
+            directions,
+        })
     }
 }
 
@@ -105,9 +109,15 @@ impl<'a> Posterior<'a> {
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let (nodes, weights) = self.model.surface.space().extraction(leaf);
-        let covariance =
-            self.inverse.dense(nodes).ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
-        Ok(LeafCovariance { weights, directions: nodes.iter().map(|&n| self.directions[n as usize]).collect(), covariance })
+        let covariance = self
+            .inverse
+            .dense(nodes)
+            .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
+        Ok(LeafCovariance {
+            weights,
+            directions: nodes.iter().map(|&n| self.directions[n as usize]).collect(),
+            covariance,
+        })
     }
 
     /// The surface that this is the covariance of.
@@ -122,13 +132,16 @@ impl<'a> Posterior<'a> {
     /// `Input` when the data have another pattern than the surface, which a model made here never shows.
     pub fn degrees_of_data(&self) -> Result<f64> {
         let system = SurfaceSystem::new(self.model.surface.space())?;
-        self.inverse.trace_with(&system.contract(&self.model.data, &self.directions)?)
+        self.inverse
+            .trace_with(&system.contract(&self.model.data, &self.directions)?)
     }
 
     /// σ of the surface point at leaf-local coordinates along a unit direction.
     #[must_use]
     pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: [f64; 3]) -> f64 {
-        cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
+        cell.variance_along(&leaf_weights(local[0], local[1]), direction)
+            .max(0.0)
+            .sqrt()
     }
 }
 
@@ -143,6 +156,15 @@ impl LeafCovariance<'_> {
             .map(|(w, d)| dot(a, *d) * w.iter().zip(c).map(|(e, b)| e * b).sum::<f64>())
             .collect();
         let n = row.len();
-        (0..n).map(|i| row[i] * self.covariance[i * n..(i + 1) * n].iter().zip(&row).map(|(s, r)| s * r).sum::<f64>()).sum()
+        (0..n)
+            .map(|i| {
+                row[i]
+                    * self.covariance[i * n..(i + 1) * n]
+                        .iter()
+                        .zip(&row)
+                        .map(|(s, r)| s * r)
+                        .sum::<f64>()
+            })
+            .sum()
     }
 }

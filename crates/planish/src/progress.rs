@@ -18,7 +18,11 @@ pub trait Progress {
     /// `Interrupted` when [`Progress::interrupted`] says so.
     fn check(&self, stage: &str, share: f64) -> Result<()> {
         self.advance(stage, share);
-        if self.interrupted() { Err(Error::interrupted()) } else { Ok(()) }
+        if self.interrupted() {
+            Err(Error::interrupted())
+        } else {
+            Ok(())
+        }
     }
 }
 

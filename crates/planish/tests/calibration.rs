@@ -15,7 +15,10 @@ const SIGMA: f64 = 0.01;
 
 fn base_of(shape: Shape) -> (BaseShape, [usize; 2]) {
     match shape {
-        Shape::Sheet => (BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]), [6, 5]),
+        Shape::Sheet => (
+            BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]),
+            [6, 5],
+        ),
         Shape::Tube => (BaseShape::cylinder([0.0; 3], [0.0, 0.0, 1.0], 0.5, 1.0), [8, 5]),
         _ => (BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]), [8, 4]),
     }
@@ -25,8 +28,9 @@ fn base_of(shape: Shape) -> (BaseShape, [usize; 2]) {
 fn refined_base(shape: Shape) -> Surface {
     let (base, grid) = base_of(shape);
     let surface = base.surface(grid).unwrap();
-    let marked: Vec<usize> =
-        [(3.5, 2.5), (4.5, 2.5), (3.5, 1.5), (4.5, 1.5)].map(|(u, v)| surface.space().locate(u, v).0).to_vec();
+    let marked: Vec<usize> = [(3.5, 2.5), (4.5, 2.5), (3.5, 1.5), (4.5, 1.5)]
+        .map(|(u, v)| surface.space().locate(u, v).0)
+        .to_vec();
     let finer: Arc<Hierarchy> = Arc::new(surface.space().refine(&marked));
     surface.refined(finer).unwrap()
 }
@@ -37,7 +41,9 @@ struct Draw {
 
 impl Draw {
     fn new(seed: u64) -> Self {
-        Self { rng: ChaCha8Rng::seed_from_u64(seed) }
+        Self {
+            rng: ChaCha8Rng::seed_from_u64(seed),
+        }
     }
 
     fn normal(&mut self) -> f64 {
@@ -51,7 +57,10 @@ fn observe(system: &SurfaceSystem, truth: &Surface, count: usize, draw: &mut Dra
     let extent = space.extent();
     let mut readings = vec![Vec::new(); space.leaves().len()];
     for _ in 0..count {
-        let (u, v) = (draw.rng.random::<f64>() * extent[0], draw.rng.random::<f64>() * extent[1]);
+        let (u, v) = (
+            draw.rng.random::<f64>() * extent[0],
+            draw.rng.random::<f64>() * extent[1],
+        );
         let (leaf, local) = space.locate(u, v);
         let p = truth.leaf_point(leaf, local[0], local[1]);
         readings[leaf].push((local, [0, 1, 2].map(|d| p[d] + SIGMA * draw.normal())));
@@ -78,7 +87,10 @@ fn error_and_bound(system: &SurfaceSystem, factor: &CholeskyFactor, estimate: &S
         let e = sub(estimate.leaf_point(leaf, 0.5, 0.5), truth.leaf_point(leaf, 0.5, 0.5));
         let c = leaf_weights(0.5, 0.5);
         error += e.iter().map(|x| x * x).sum::<f64>();
-        bound += [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|a| cell.variance_along(&c, a)).iter().sum::<f64>();
+        bound += [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+            .map(|a| cell.variance_along(&c, a))
+            .iter()
+            .sum::<f64>();
     }
     (error, bound)
 }
@@ -97,7 +109,11 @@ fn cramer_rao_ratio(shape: Shape, runs: u64) -> f64 {
     let (mut error, mut bound) = (0.0, 0.0);
     for run in 0..runs {
         let mut draw = Draw::new(1000 + run);
-        let vertices = base.vertices().iter().map(|p| p.map(|c| c + 0.1 * draw.normal())).collect();
+        let vertices = base
+            .vertices()
+            .iter()
+            .map(|p| p.map(|c| c + 0.1 * draw.normal()))
+            .collect();
         let truth = base.with_vertices(vertices).unwrap();
         let information = observe(&system, &truth, 4000, &mut draw);
         let (factor, estimate) = solve(&system, &information);
@@ -134,14 +150,23 @@ fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
         let mut total = observe(&system, &truth_surface, 150, &mut draw);
         total.add_scaled(&prior, 1.0).unwrap();
         let (factor, estimate) = solve(&system, &total);
-        let deviation: Vec<f64> = estimate.vertices().iter().flatten().zip(&truth).map(|(a, b)| a - b).collect();
+        let deviation: Vec<f64> = estimate
+            .vertices()
+            .iter()
+            .flatten()
+            .zip(&truth)
+            .map(|(a, b)| a - b)
+            .collect();
         nees += total.quadratic_form(&deviation).unwrap() / unknowns as f64;
         let (e, b) = error_and_bound(&system, &factor, &estimate, &truth_surface);
         error += e;
         bound += b;
     }
     let band = ChiSquareBand::of_mean(runs as usize, unknowns as f64, 0.999).unwrap();
-    let band = ChiSquareBand { lower: band.lower / unknowns as f64, upper: band.upper / unknowns as f64 };
+    let band = ChiSquareBand {
+        lower: band.lower / unknowns as f64,
+        upper: band.upper / unknowns as f64,
+    };
     (nees / runs as f64, band, (error / bound).sqrt())
 }
 
@@ -160,7 +185,10 @@ fn errors_of_truths_from_the_prior_have_the_posterior_covariance() {
     for shape in SHAPES {
         let (nees, band, ratio) = posterior_honesty(shape, 20);
         assert!(band.contains(nees), "{shape:?}: NEES {nees} outside {band:?}");
-        assert!((ratio - 1.0).abs() < 0.1, "{shape:?}: error is {ratio} of the posterior bound");
+        assert!(
+            (ratio - 1.0).abs() < 0.1,
+            "{shape:?}: error is {ratio} of the posterior bound"
+        );
     }
 }
 
@@ -170,7 +198,12 @@ fn two_hundred_draws_reach_both_bounds() {
     for shape in SHAPES {
         let ratio = cramer_rao_ratio(shape, 200);
         let (nees, band, posterior) = posterior_honesty(shape, 200);
-        println!("{:5}  RMSE/CRB {ratio:.4}   NEES/dof {nees:.4} in [{:.4}, {:.4}]   RMSE/posterior {posterior:.4}", shape.name(), band.lower, band.upper);
+        println!(
+            "{:5}  RMSE/CRB {ratio:.4}   NEES/dof {nees:.4} in [{:.4}, {:.4}]   RMSE/posterior {posterior:.4}",
+            shape.name(),
+            band.lower,
+            band.upper
+        );
         assert!(ratio < 1.1, "{shape:?}");
         assert!(band.contains(nees) && (posterior - 1.0).abs() < 0.05, "{shape:?}");
     }

@@ -23,7 +23,10 @@ fn scene(shape: Shape, seed: u64, readings: usize) -> ScanScene {
 }
 
 fn fit_scene(scene: &ScanScene) -> Fit {
-    let options = FitOptions { shape: Some(scene.options.shape), ..FitOptions::default() };
+    let options = FitOptions {
+        shape: Some(scene.options.shape),
+        ..FitOptions::default()
+    };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -69,7 +72,10 @@ fn stated_sigma_covers_freeform_truths() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let (share, normalised) = coverage_of(shape, 0..3, 6000);
         println!("{shape:?}: coverage {share:.3}, normalised rms {normalised:.3}");
-        assert!((0.9..=0.99).contains(&share), "{shape:?}: 95 % intervals cover {share}, normalised rms {normalised}");
+        assert!(
+            (0.9..=0.99).contains(&share),
+            "{shape:?}: 95 % intervals cover {share}, normalised rms {normalised}"
+        );
     }
 }
 
@@ -79,6 +85,9 @@ fn two_hundred_freeform_truths_are_covered() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let (share, normalised) = coverage_of(shape, 0..200, 6000);
         println!("{shape:?}: coverage {share:.4}, normalised rms {normalised:.3}");
-        assert!((0.93..=0.97).contains(&share), "{shape:?}: 95 % intervals cover {share}");
+        assert!(
+            (0.93..=0.97).contains(&share),
+            "{shape:?}: 95 % intervals cover {share}"
+        );
     }
 }

@@ -26,4 +26,4 @@ pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
-pub use tessellation::{Tessellation, TessellationOptions, tessellate};
+pub use tessellation::{Tessellation, TessellationOptions, least_triangles, tessellate};

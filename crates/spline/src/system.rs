@@ -8,8 +8,10 @@ use crate::energy::{LeafEnergy, QuadraturePoint, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
 use planish_estimate::Result;
+use planish_estimate::sparse::{
+    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor,
+};
 use planish_estimate::vector3::dot;
-use planish_estimate::sparse::{BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -33,14 +35,23 @@ impl SurfaceSystem {
     /// `Input` when the hierarchy is too large for the sparse matrices.
     pub fn new(space: &Arc<Hierarchy>) -> Result<Self> {
         let leaves = space.leaves().len();
-        let pattern =
-            Arc::new(BlockPattern::from_elements(space.node_count(), (0..leaves).map(|leaf| space.extraction(leaf).0))?);
+        let pattern = Arc::new(BlockPattern::from_elements(
+            space.node_count(),
+            (0..leaves).map(|leaf| space.extraction(leaf).0),
+        )?);
         let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 3)?);
         let symbolic_scalar = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
-        let scatters =
-            (0..leaves).map(|leaf| ElementScatter::new(&pattern, space.extraction(leaf).0)).collect::<Result<_>>()?;
-        Ok(Self { space: Arc::clone(space), pattern, symbolic, symbolic_scalar, scatters })
+        let scatters = (0..leaves)
+            .map(|leaf| ElementScatter::new(&pattern, space.extraction(leaf).0))
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            space: Arc::clone(space),
+            pattern,
+            symbolic,
+            symbolic_scalar,
+            scatters,
+        })
     }
 
     /// The hierarchy.
@@ -182,11 +193,17 @@ impl SurfaceSystem {
             for (position, &row) in self.pattern.column_range(column).zip(self.pattern.column(column)) {
                 let block = &values[9 * position..9 * position + 9];
                 let (a, b) = (directions[row as usize], directions[column]);
-                out.values_mut()[position] =
-                    (0..3).map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b)).sum();
+                out.values_mut()[position] = (0..3)
+                    .map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b))
+                    .sum();
             }
         }
-        for ((to, eta), d) in out.vector_mut().iter_mut().zip(information.vector().chunks_exact(3)).zip(directions) {
+        for ((to, eta), d) in out
+            .vector_mut()
+            .iter_mut()
+            .zip(information.vector().chunks_exact(3))
+            .zip(directions)
+        {
             *to = dot([eta[0], eta[1], eta[2]], *d);
         }
         Ok(out)
@@ -207,7 +224,11 @@ impl SurfaceSystem {
     pub fn assemble_energy(&self, leaves: &[LeafEnergy]) -> Result<BlockInformation> {
         let mut energy = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
         for (leaf, form) in leaves.iter().enumerate() {
-            energy.add_scattered(&self.scatters[leaf], &scalar_element(&self.space, leaf, &form.thin_plate), &vec![0.0; 3 * self.scatters[leaf].nodes().len()])?;
+            energy.add_scattered(
+                &self.scatters[leaf],
+                &scalar_element(&self.space, leaf, &form.thin_plate),
+                &vec![0.0; 3 * self.scatters[leaf].nodes().len()],
+            )?;
         }
         Ok(energy)
     }
@@ -289,7 +310,11 @@ impl SurfaceSystem {
     ///
     /// `field(leaf, point, local)` is called with the number of the point, 0 to 3, and its place in the leaf.
     #[must_use]
-    pub fn project_field(&self, weights: &[[f64; 4]], field: impl Fn(usize, usize, [f64; 2]) -> [f64; 3] + Sync) -> Vec<f64> {
+    pub fn project_field(
+        &self,
+        weights: &[[f64; 4]],
+        field: impl Fn(usize, usize, [f64; 2]) -> [f64; 3] + Sync,
+    ) -> Vec<f64> {
         let parts: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
             .into_par_iter()
             .with_min_len(32)
@@ -349,5 +374,11 @@ impl SurfaceSystem {
 /// The 2 × 2 Gauss points of a leaf: enough for fields that are smoothed anyway.
 fn four_points() -> [QuadraturePoint; 4] {
     let near = 0.5 - 0.5 / 3.0_f64.sqrt();
-    [[near, near], [1.0 - near, near], [near, 1.0 - near], [1.0 - near, 1.0 - near]].map(|local| QuadraturePoint { local, weight: 0.25 })
+    [
+        [near, near],
+        [1.0 - near, near],
+        [near, 1.0 - near],
+        [1.0 - near, 1.0 - near],
+    ]
+    .map(|local| QuadraturePoint { local, weight: 0.25 })
 }

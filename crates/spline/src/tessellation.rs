@@ -88,26 +88,9 @@ pub struct Tessellation {
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Tessellation> {
-    if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
-        return Err(Error::input(format!(
-            "needed a mesh tolerance > 0, found {}",
-            options.tolerance
-        )));
-    }
-    if !(1..=MOST_DIVISIONS).contains(&options.max_divisions) {
-        return Err(Error::input(format!(
-            "needed 1 to {MOST_DIVISIONS} divisions of a leaf at most, found {}",
-            options.max_divisions
-        )));
-    }
-    let count = surface.space().leaves().len();
-    let most = options.max_divisions.ilog2();
-    let divided: Vec<([u32; 2], bool)> = (0..count)
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(|leaf| divisions(surface.leaf_coefficients(leaf), options.tolerance, most))
-        .collect();
-    let least: u64 = divided.iter().map(|(n, _)| 2_u64 << (n[0] + n[1])).sum();
+    let divided = divide(surface, options)?;
+    let count = divided.len();
+    let least = triangles_of(&divided);
     if least > 1 << 31 {
         return Err(Error::input(format!(
             "a mesh tolerance of {} takes {least} triangles or more, above the limit of 2^31: ask for a larger one",
@@ -159,6 +142,43 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
         .collect();
     mesh.triangles = triangles.concat();
     Ok(mesh)
+}
+
+/// How many triangles [`tessellate`] makes at least: a few per cent less than it does, for the fans between levels.
+///
+/// Cost: far below that of the mesh; for choosing a tolerance.
+///
+/// # Errors
+/// `Input` when the tolerance is not positive or the divisions are not in 1 to 64.
+pub fn least_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
+    divide(surface, options).map(|divided| triangles_of(&divided))
+}
+
+/// The divisions of every leaf; see [`divisions`].
+fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32; 2], bool)>> {
+    if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
+        return Err(Error::input(format!(
+            "needed a mesh tolerance > 0, found {}",
+            options.tolerance
+        )));
+    }
+    if !(1..=MOST_DIVISIONS).contains(&options.max_divisions) {
+        return Err(Error::input(format!(
+            "needed 1 to {MOST_DIVISIONS} divisions of a leaf at most, found {}",
+            options.max_divisions
+        )));
+    }
+    let most = options.max_divisions.ilog2();
+    Ok((0..surface.space().leaves().len())
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .map(|leaf| divisions(surface.leaf_coefficients(leaf), options.tolerance, most))
+        .collect())
+}
+
+/// Two triangles a rectangle.
+fn triangles_of(divided: &[([u32; 2], bool)]) -> u64 {
+    divided.iter().map(|(n, _)| 2_u64 << (n[0] + n[1])).sum()
 }
 
 /// Binary logarithms of the divisions along u and v, and whether the limit was hit.

@@ -79,7 +79,17 @@ pub(super) fn project(
             }
             let parameters = space.parameters(foot.leaf as usize, foot.local);
             let variance = variance_along(&covariance, foot.normal);
-            (Foot { leaf: foot.leaf, state, local: foot.local, normal: foot.normal, height, variance }, parameters)
+            (
+                Foot {
+                    leaf: foot.leaf,
+                    state,
+                    local: foot.local,
+                    normal: foot.normal,
+                    height,
+                    variance,
+                },
+                parameters,
+            )
         })
         .collect_into_vec(&mut feet);
     for (&i, (_, parameters)) in subset.iter().zip(&feet) {
@@ -190,6 +200,14 @@ pub(super) fn normal_step(
     }
     factor.solve_in_place(&mut step)?;
     let degrees = stochastic_trace(&factor, &data, 8, 1)?.value;
-    let vertices = surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
-    Ok(NormalStep { surface: surface.with_vertices(vertices.collect())?, degrees })
+    let vertices = surface
+        .vertices()
+        .iter()
+        .zip(&directions)
+        .zip(&step)
+        .map(|((p, d), s)| add_scaled(*p, *s, *d));
+    Ok(NormalStep {
+        surface: surface.with_vertices(vertices.collect())?,
+        degrees,
+    })
 }

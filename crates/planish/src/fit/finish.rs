@@ -8,7 +8,7 @@ use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, SigmaSummary};
-use crate::model::{Posterior, PoseReport, SensorReport, SurfaceModel};
+use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
@@ -26,7 +26,18 @@ pub(super) fn finish(
     earlier: Option<&SurfaceModel>,
     progress: &dyn Progress,
 ) -> Result<Fit> {
-    let Settled { surface, system, subset, feet, mut noise, weight, energy, mut at, reached_limit, reached_tolerance } = settled;
+    let Settled {
+        surface,
+        system,
+        subset,
+        feet,
+        mut noise,
+        weight,
+        energy,
+        mut at,
+        reached_limit,
+        reached_tolerance,
+    } = settled;
     let prior = match earlier {
         Some(model) => model.prior.clone(),
         None => {
@@ -58,7 +69,10 @@ pub(super) fn finish(
     let surface = &model.surface;
     let count = feet.iter().filter(|foot| foot.state == FootState::Good).count();
     let leverage = (degrees / (count + model.observations).max(1) as f64).min(0.9);
-    noise = SensorNoise { used: noise.used, ..SensorNoise::estimate(observations, &subset, &feet, options.gate, leverage, true)? };
+    noise = SensorNoise {
+        used: noise.used,
+        ..SensorNoise::estimate(observations, &subset, &feet, options.gate, leverage, true)?
+    };
 
     let information = weights(observations, &subset, &feet, &noise, options.gate, false);
     let mut observed = observed_leaves(surface, &feet, &information);
@@ -67,8 +81,11 @@ pub(super) fn finish(
             *now |= before;
         }
     }
-    let mut rejected: std::collections::BTreeMap<String, usize> =
-        observations.rejected.iter().map(|(cause, n)| (cause.name().to_owned(), *n)).collect();
+    let mut rejected: std::collections::BTreeMap<String, usize> = observations
+        .rejected
+        .iter()
+        .map(|(cause, n)| (cause.name().to_owned(), *n))
+        .collect();
     let mut reject = |cause: Rejection| *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
     for (foot, &w) in feet.iter().zip(&information) {
         match foot.state {
@@ -84,7 +101,11 @@ pub(super) fn finish(
     let total_area: f64 = areas.iter().sum();
     let observed_area: f64 = areas.iter().zip(&observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
 
-    let used: Vec<(&Foot, f64)> = feet.iter().zip(information.iter().copied()).filter(|(_, w)| *w > 0.0).collect();
+    let used: Vec<(&Foot, f64)> = feet
+        .iter()
+        .zip(information.iter().copied())
+        .filter(|(_, w)| *w > 0.0)
+        .collect();
     let n = used.len().max(1) as f64;
     let chi2: f64 = used.iter().map(|(foot, w)| w * foot.height * foot.height).sum();
     let square: f64 = used.iter().map(|(foot, _)| foot.height * foot.height).sum();
@@ -151,20 +172,35 @@ pub(super) fn place(
 ) -> Result<Settled> {
     let mut surface = model.surface.clone();
     let system = SurfaceSystem::new(surface.space())?;
-    let subset: Vec<u32> = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    let subset: Vec<u32> = (0..observations.len() as u32)
+        .filter(|&i| !observations.held_out[i as usize])
+        .collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
     let mut feet = Vec::new();
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
-        let search = if iteration == 0 { Some(FootPointSearch::new(&surface, 2, 0.0)?) } else { None };
+        let search = if iteration == 0 {
+            Some(FootPointSearch::new(&surface, 2, 0.0)?)
+        } else {
+            None
+        };
         feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
         noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
         if iteration == 3 {
             break;
         }
         let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-        surface = normal_step(&system, &surface, &feet, &information, &model.prior, 1.0, Some(&model.data))?.surface;
+        surface = normal_step(
+            &system,
+            &surface,
+            &feet,
+            &information,
+            &model.prior,
+            1.0,
+            Some(&model.data),
+        )?
+        .surface;
     }
     Ok(Settled {
         surface,
@@ -189,9 +225,14 @@ fn judge(
     gate: f64,
 ) -> Result<HeldOut> {
     let surface = posterior.surface();
-    let held: Vec<u32> = (0..observations.len() as u32).filter(|&i| observations.held_out[i as usize]).collect();
+    let held: Vec<u32> = (0..observations.len() as u32)
+        .filter(|&i| observations.held_out[i as usize])
+        .collect();
     if held.is_empty() {
-        return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
+        return Ok(HeldOut {
+            n: 0,
+            rms_normalised: f64::NAN,
+        });
     }
     let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
     let feet = project(surface, observations, &held, at, Some(&search), &noise.used);
@@ -213,7 +254,10 @@ fn judge(
     let kept: Vec<f64> = normalised.into_iter().flatten().collect();
     let n = kept.len();
     let mean_square = kept.iter().map(|r| r * r).sum::<f64>() / n.max(1) as f64;
-    Ok(HeldOut { n, rms_normalised: (mean_square / kept_variance(gate)?).sqrt() })
+    Ok(HeldOut {
+        n,
+        rms_normalised: (mean_square / kept_variance(gate)?).sqrt(),
+    })
 }
 
 /// σ along the normal at the middle of every observed leaf, by area.
@@ -231,15 +275,27 @@ fn sigma_summary(posterior: &Posterior<'_>, observed: &[bool]) -> Result<SigmaSu
         })
         .collect::<Result<_>>()?;
     if by_area.is_empty() {
-        return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
+        return Err(Error::undetermined(
+            "no part of the surface was measured: every reading was gated",
+        ));
     }
     by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = by_area.iter().map(|(_, a)| a).sum();
     let quantile = |p: f64| {
         let mut sum = 0.0;
-        by_area.iter().find(|(_, a)| { sum += a; sum >= p * total }).map_or(by_area[by_area.len() - 1].0, |(s, _)| *s)
+        by_area
+            .iter()
+            .find(|(_, a)| {
+                sum += a;
+                sum >= p * total
+            })
+            .map_or(by_area[by_area.len() - 1].0, |(s, _)| *s)
     };
-    Ok(SigmaSummary { median: quantile(0.5), p95: quantile(0.95), max: by_area[by_area.len() - 1].0 })
+    Ok(SigmaSummary {
+        median: quantile(0.5),
+        p95: quantile(0.95),
+        max: by_area[by_area.len() - 1].0,
+    })
 }
 
 fn sensor_reports(
@@ -294,7 +350,10 @@ fn warnings(
         }
     }
     if observed < 0.5 {
-        warnings.push(format!("only {:.0} % of the surface was measured: the rest is the smoothness prior's guess", 100.0 * observed));
+        warnings.push(format!(
+            "only {:.0} % of the surface was measured: the rest is the smoothness prior's guess",
+            100.0 * observed
+        ));
     }
     let gated: usize = rejected.values().sum();
     if gated * 10 > total {

@@ -86,8 +86,15 @@ pub(super) fn grow(
                 stretch = Some(stage_of_level.stretch(&surface)?);
             }
             let moved = stage_of_level.step(&surface, stretch.as_ref().unwrap_or(&surface), &target)?;
-            let longest = moved.chunks_exact(3).map(|d| norm([d[0], d[1], d[2]])).fold(0.0, f64::max);
-            let vertices = surface.vertices().iter().zip(moved.chunks_exact(3)).map(|(p, d)| add(*p, [d[0], d[1], d[2]]));
+            let longest = moved
+                .chunks_exact(3)
+                .map(|d| norm([d[0], d[1], d[2]]))
+                .fold(0.0, f64::max);
+            let vertices = surface
+                .vertices()
+                .iter()
+                .zip(moved.chunks_exact(3))
+                .map(|(p, d)| add(*p, [d[0], d[1], d[2]]));
             surface = surface.with_vertices(vertices.collect())?;
             if step + 1 >= FEW_STEPS && longest < 0.05 * stage_of_level.cell {
                 break;
@@ -124,14 +131,24 @@ impl Stage {
         let weights = system.field_weights(reference);
         let side2 = 0.25 * surface.space().leaves()[0].side().powi(2);
         let base_area = weights.iter().map(|w| w.map(|x| (x / side2).max(1e-300))).collect();
-        Ok(Self { system, factor, weights, base_area, cell })
+        Ok(Self {
+            system,
+            factor,
+            weights,
+            base_area,
+            cell,
+        })
     }
 
     /// The logarithm of how much each place is stretched against the base, as a smooth function (in the first coordinate).
     fn stretch(&self, surface: &Surface) -> Result<Surface> {
         let mut field = self.system.project_field(&self.weights, |leaf, n, at| {
             let jet = surface.leaf_jet(leaf, at[0], at[1]);
-            [(norm(cross(jet.du, jet.dv)) / self.base_area[leaf][n]).max(1e-6).ln(), 0.0, 0.0]
+            [
+                (norm(cross(jet.du, jet.dv)) / self.base_area[leaf][n]).max(1e-6).ln(),
+                0.0,
+                0.0,
+            ]
         });
         self.factor.solve_in_place(&mut field)?;
         self.system.surface(&field)
@@ -152,7 +169,10 @@ impl Stage {
                 facing = dot(downhill, normal);
                 let height = ((value - target.iso) / slope).clamp(-longest, longest);
                 let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
-                d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
+                d = add(
+                    scale(along_normal * height, normal),
+                    scale((1.0 - along_normal) * height, downhill),
+                );
             }
             let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
             if outside > 0.0
@@ -161,7 +181,15 @@ impl Stage {
                 let draw = (DRAW * cell * cell * curvature.mean()).clamp(-longest, longest);
                 d = add_scaled(d, outside * draw, normal);
             }
-            add(d, drift(&jet, &stretch.leaf_jet(leaf, at[0], at[1]), DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0), longest))
+            add(
+                d,
+                drift(
+                    &jet,
+                    &stretch.leaf_jet(leaf, at[0], at[1]),
+                    DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0),
+                    longest,
+                ),
+            )
         });
         self.factor.solve_in_place(&mut step)?;
         Ok(step)
@@ -176,9 +204,15 @@ fn drift(jet: &Jet, f: &Jet, strength: f64, longest: f64) -> [f64; 3] {
         return [0.0; 3];
     }
     let (fu, fv) = (f.du[0], f.dv[0]);
-    let gradient = add(scale((g * fu - m * fv) / area2, jet.du), scale((e * fv - m * fu) / area2, jet.dv));
+    let gradient = add(
+        scale((g * fu - m * fv) / area2, jet.du),
+        scale((e * fv - m * fu) / area2, jet.dv),
+    );
     let length = strength * norm(gradient);
-    scale(strength * if length > longest { longest / length } else { 1.0 }, gradient)
+    scale(
+        strength * if length > longest { longest / length } else { 1.0 },
+        gradient,
+    )
 }
 
 #[cfg(test)]
@@ -190,7 +224,12 @@ mod tests {
     #[test]
     fn ball_grows_into_a_horned_shape_without_turning_inside_out() {
         let (mut points, mut normals) = (Vec::new(), Vec::new());
-        let capsule = |points: &mut Vec<[f64; 3]>, normals: &mut Vec<[f64; 3]>, from: [f64; 3], to: [f64; 3], r: f64, count: usize| {
+        let capsule = |points: &mut Vec<[f64; 3]>,
+                       normals: &mut Vec<[f64; 3]>,
+                       from: [f64; 3],
+                       to: [f64; 3],
+                       r: f64,
+                       count: usize| {
             let axis = sub(to, from);
             let length = norm(axis);
             let axis = scale(1.0 / length, axis);
@@ -198,16 +237,32 @@ mod tests {
             for i in 0..count {
                 let h = (length + 2.0 * r) * (i as f64 + 0.5) / count as f64 - r;
                 let a = i as f64 * 2.399_963_229_728_653;
-                let over = if h < 0.0 { h } else if h > length { h - length } else { 0.0 };
+                let over = if h < 0.0 {
+                    h
+                } else if h > length {
+                    h - length
+                } else {
+                    0.0
+                };
                 let ring = (r * r - over * over).max(0.0).sqrt();
-                let n = add(scale(ring / r, add(scale(a.cos(), e1), scale(a.sin(), e2))), scale(over / r, axis));
+                let n = add(
+                    scale(ring / r, add(scale(a.cos(), e1), scale(a.sin(), e2))),
+                    scale(over / r, axis),
+                );
                 points.push(add(add(from, scale(h - over, axis)), scale(r, n)));
                 normals.push(n);
             }
         };
         capsule(&mut points, &mut normals, [0.0; 3], [0.02, 0.0, 0.0], 1.0, 8000);
         capsule(&mut points, &mut normals, [0.4, 0.0, 0.7], [0.9, 0.0, 2.0], 0.22, 2500);
-        capsule(&mut points, &mut normals, [-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0], 0.22, 2500);
+        capsule(
+            &mut points,
+            &mut normals,
+            [-0.4, 0.0, 0.7],
+            [-0.9, 0.0, 2.0],
+            0.22,
+            2500,
+        );
         // Points inside another part are not on the surface.
         let inside = |p: &[f64; 3]| {
             let to_segment = |a: [f64; 3], b: [f64; 3]| {
@@ -232,10 +287,18 @@ mod tests {
             .iter()
             .zip(&normals)
             .filter(|(p, n)| {
-                let foot = surface.project(**p, search.nearest(**p, **n), &planish_spline::ProjectionOptions::default());
+                let foot = surface.project(
+                    **p,
+                    search.nearest(**p, **n),
+                    &planish_spline::ProjectionOptions::default(),
+                );
                 foot.height.abs() > 0.15 || dot(foot.normal, **n) < 0.0
             })
             .count();
-        assert!(far * 100 < points.len(), "{far} of {} points have no surface near them that faces their way", points.len());
+        assert!(
+            far * 100 < points.len(),
+            "{far} of {} points have no surface near them that faces their way",
+            points.len()
+        );
     }
 }

@@ -55,7 +55,11 @@ impl Indicator {
         transform(&mut counts, FftDirection::Forward);
         blur(&mut counts, DENSITY_BLUR);
         transform(&mut counts, FftDirection::Inverse);
-        let density = BlurredIndicator { origin, cell, values: counts.iter().map(|c| c.re / counts.len() as f64).collect() };
+        let density = BlurredIndicator {
+            origin,
+            cell,
+            values: counts.iter().map(|c| c.re / counts.len() as f64).collect(),
+        };
         // Two real fields ride in one complex transform; the third has its own.
         let mut xy = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         let mut z = xy.clone();
@@ -101,7 +105,11 @@ impl Indicator {
         let mut grid = self.spectrum.clone();
         blur(&mut grid, sigma / self.cell);
         transform(&mut grid, FftDirection::Inverse);
-        BlurredIndicator { origin: self.origin, cell: self.cell, values: grid.iter().map(|c| c.re).collect() }
+        BlurredIndicator {
+            origin: self.origin,
+            cell: self.cell,
+            values: grid.iter().map(|c| c.re).collect(),
+        }
     }
 }
 
@@ -109,7 +117,9 @@ impl BlurredIndicator {
     /// Value and gradient by trilinear interpolation; outside the box, of its nearest point.
     pub(super) fn sample(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
         let (corner, t) = locate(self.origin, self.cell, p);
-        let at = |a: usize, b: usize, c: usize| self.values[((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS];
+        let at = |a: usize, b: usize, c: usize| {
+            self.values[((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS]
+        };
         let (mut value, mut gradient) = (0.0, [0.0; 3]);
         for c in 0..2 {
             for b in 0..2 {
@@ -129,7 +139,10 @@ impl BlurredIndicator {
 
     /// How steeply the indicator falls at the points: their median slope.
     pub(super) fn steepness(&self, points: &[[f64; 3]]) -> f64 {
-        let mut slopes: Vec<f64> = points.iter().map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt()).collect();
+        let mut slopes: Vec<f64> = points
+            .iter()
+            .map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt())
+            .collect();
         let middle = slopes.len() / 2;
         *slopes.select_nth_unstable_by(middle, f64::total_cmp).1
     }
@@ -161,7 +174,10 @@ fn splat(origin: [f64; 3], cell: f64, p: [f64; 3], mut add: impl FnMut(usize, f6
         for b in 0..2 {
             for a in 0..2 {
                 let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
-                add(((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS, w);
+                add(
+                    ((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS,
+                    w,
+                );
             }
         }
     }
@@ -170,9 +186,17 @@ fn splat(origin: [f64; 3], cell: f64, p: [f64; 3], mut add: impl FnMut(usize, f6
 /// Wave vector of a spectral index, in radians a grid cell.
 fn wave(index: usize) -> [f64; 3] {
     [index % CELLS, index / CELLS % CELLS, index / CELLS / CELLS].map(|m| {
-        let signed = if m > CELLS / 2 { m as f64 - CELLS as f64 } else { m as f64 };
+        let signed = if m > CELLS / 2 {
+            m as f64 - CELLS as f64
+        } else {
+            m as f64
+        };
         // The highest frequency has no sign: an odd multiplier must leave it out.
-        if m == CELLS / 2 { 0.0 } else { TAU * signed / CELLS as f64 }
+        if m == CELLS / 2 {
+            0.0
+        } else {
+            TAU * signed / CELLS as f64
+        }
     })
 }
 
@@ -230,7 +254,10 @@ mod tests {
             let (value, gradient) = field.sample(*p);
             let off = (value - level) / dot(gradient, gradient).sqrt();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
-            assert!(dot(gradient, sub(*p, [5.0, 0.0, 0.0])) < 0.0, "the indicator falls outwards");
+            assert!(
+                dot(gradient, sub(*p, [5.0, 0.0, 0.0])) < 0.0,
+                "the indicator falls outwards"
+            );
         }
         assert!(field.sample([5.0, 0.0, 0.0]).0 > level && field.sample([5.0, 0.0, -1.4]).0 < level);
     }

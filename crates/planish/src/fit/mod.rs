@@ -144,7 +144,11 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         &scans,
         &sensor_of_scan,
         &set.sensors,
-        &ObservationOptions { held_out_share: options.held_out_share, seed: options.seed, checks: options.checks },
+        &ObservationOptions {
+            held_out_share: options.held_out_share,
+            seed: options.seed,
+            checks: options.checks,
+        },
     )?;
     progress.check("normals", 0.01)?;
     let settled = stages::settle(&observations, options, progress)?;
@@ -171,7 +175,11 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         &scans,
         &sensor_of_scan,
         &set.sensors,
-        &ObservationOptions { held_out_share: options.held_out_share, seed: options.seed, checks: options.checks },
+        &ObservationOptions {
+            held_out_share: options.held_out_share,
+            seed: options.seed,
+            checks: options.checks,
+        },
     )?;
     progress.check("normals", 0.1)?;
     let settled = finish::place(model, &observations, options, progress)?;

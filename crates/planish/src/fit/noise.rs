@@ -25,8 +25,17 @@ impl SensorNoise {
     pub(super) fn stated(observations: &Observations) -> Self {
         let sensors = observations.stated.len();
         // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
-        let used = observations.stated.iter().map(|&stated| if stated { 1.0 } else { 0.0 }).collect();
-        Self { estimated: vec![1.0; sensors], used, count: vec![0; sensors], contradicted: vec![false; sensors] }
+        let used = observations
+            .stated
+            .iter()
+            .map(|&stated| if stated { 1.0 } else { 0.0 })
+            .collect();
+        Self {
+            estimated: vec![1.0; sensors],
+            used,
+            count: vec![0; sensors],
+            contradicted: vec![false; sensors],
+        }
     }
 
     /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
@@ -53,7 +62,11 @@ impl SensorNoise {
             if normalised.len() < 8 {
                 if !observations.stated[sensor] && !normalised.is_empty() {
                     // Too few for a scale of their own: the scale of all readings stands in.
-                    let all: Vec<f64> = feet.iter().filter(|f| f.state == FootState::Good).map(|f| f.height).collect();
+                    let all: Vec<f64> = feet
+                        .iter()
+                        .filter(|f| f.state == FootState::Good)
+                        .map(|f| f.height)
+                        .collect();
                     noise.used[sensor] = gated_scale(&all, gate)?.sigma.powi(2).max(1e-24);
                     noise.estimated[sensor] = noise.used[sensor];
                 }

@@ -7,7 +7,8 @@
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_sense::{
-    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, nearest_neighbour_normals, orient_normals, ray_at, scan_geometry,
+    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, nearest_neighbour_normals, orient_normals, ray_at,
+    scan_geometry,
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -97,12 +98,24 @@ impl Observations {
     ///
     /// # Errors
     /// `Undetermined` when no scan has a usable point; `Input` when a σ is not positive.
-    pub fn new(scans: &[&Scan], sensor_of_scan: &[usize], sensors: &[Sensor], options: &ObservationOptions) -> Result<Self> {
+    pub fn new(
+        scans: &[&Scan],
+        sensor_of_scan: &[usize],
+        sensors: &[Sensor],
+        options: &ObservationOptions,
+    ) -> Result<Self> {
         let total: usize = scans.iter().map(|s| s.points.len() + s.dropped_not_finite).sum();
-        let mut made = Self { sensor_of_scan: sensor_of_scan.to_vec(), total, stated: vec![true; sensors.len()], ..Self::default() };
+        let mut made = Self {
+            sensor_of_scan: sensor_of_scan.to_vec(),
+            total,
+            stated: vec![true; sensors.len()],
+            ..Self::default()
+        };
         if scans.iter().map(|s| s.points.len()).sum::<usize>() < 4 {
             let found: usize = scans.iter().map(|s| s.points.len()).sum();
-            return Err(Error::undetermined(format!("{found} points in all: at least 4 that are not on one line are needed")));
+            return Err(Error::undetermined(format!(
+                "{found} points in all: at least 4 that are not on one line are needed"
+            )));
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
         if not_finite > 0 {
@@ -112,7 +125,9 @@ impl Observations {
         let geometries = scans
             .par_iter()
             .map(|scan| {
-                if scan.points.len() < 3 || (scan.grid.is_none() && scan.normals.is_none() && scan.viewing == Viewing::Unknown) {
+                if scan.points.len() < 3
+                    || (scan.grid.is_none() && scan.normals.is_none() && scan.viewing == Viewing::Unknown)
+                {
                     Ok(None)
                 } else {
                     scan_geometry(scan, &options.checks).map(Some)
@@ -137,11 +152,13 @@ impl Observations {
                 }
                 let normal = geometry.as_ref().map_or([0.0; 3], |g| g.normals[i]);
                 made.points.push(scan.world_from_scanner.apply(scan.points[i]));
-                made.normals.push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
+                made.normals
+                    .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
                 made.scan.push(s as u32);
                 made.index.push(kept);
                 oriented.push(geometry.as_ref().is_some_and(|g| g.oriented));
-                made.held_out.push(hash01(options.seed, s as u64, i as u64) < options.held_out_share);
+                made.held_out
+                    .push(hash01(options.seed, s as u64, i as u64) < options.held_out_share);
                 if let Some(all) = &scan.covariance {
                     covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
                 } else if let Some(all) = &scan.sigma {
@@ -165,7 +182,10 @@ impl Observations {
                     None => {
                         made.stated[sensor_of_scan[s]] = false;
                         // One unit of length until the variance components say more.
-                        ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }
+                        ScanNoise::Model {
+                            noise: Noise::Isotropic { sigma: 1.0 },
+                            viewing: Viewing::Unknown,
+                        }
                     }
                 }
             });
@@ -212,22 +232,38 @@ impl Observations {
     pub fn covariance(&self, i: usize) -> [f64; 6] {
         match &self.noise[self.scan[i] as usize] {
             ScanNoise::Model { noise, viewing } => noise.covariance(ray_at(*viewing, self.points[i])),
-            ScanNoise::Sigma(all) => Noise::Isotropic { sigma: all[self.index[i] as usize] }.covariance(None),
+            ScanNoise::Sigma(all) => Noise::Isotropic {
+                sigma: all[self.index[i] as usize],
+            }
+            .covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
         }
     }
 
     /// Normals for the points that have none, and one orientation for those whose side is unknown.
     fn complete_normals(&mut self, oriented: &[bool], neighbours: usize) -> Result<()> {
-        let missing = self.normals.iter().zip(oriented).filter(|(n, o)| !**o && n.iter().all(|&c| c == 0.0)).count();
+        let missing = self
+            .normals
+            .iter()
+            .zip(oriented)
+            .filter(|(n, o)| !**o && n.iter().all(|&c| c == 0.0))
+            .count();
         if missing == 0 && oriented.iter().all(|&o| o) {
             return Ok(());
         }
-        let estimated = if missing > 0 { nearest_neighbour_normals(&self.points, neighbours)? } else { Vec::new() };
+        let estimated = if missing > 0 {
+            nearest_neighbour_normals(&self.points, neighbours)?
+        } else {
+            Vec::new()
+        };
         let mut normals: Vec<[f64; 3]> = (0..self.len())
             .map(|i| {
                 let n = self.normal(i);
-                if missing > 0 && !oriented[i] && dot(n, n) == 0.0 { estimated[i] } else { n }
+                if missing > 0 && !oriented[i] && dot(n, n) == 0.0 {
+                    estimated[i]
+                } else {
+                    n
+                }
             })
             .collect();
         orient_normals(&self.points, &mut normals, oriented, neighbours)?;
@@ -251,8 +287,16 @@ fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
 fn rotate_covariance(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
     let full = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]];
     let entry = |i: usize, j: usize| -> f64 {
-        (0..3).map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>()).sum()
+        (0..3)
+            .map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>())
+            .sum()
     };
-    [entry(0, 0), entry(0, 1), entry(0, 2), entry(1, 1), entry(1, 2), entry(2, 2)]
+    [
+        entry(0, 0),
+        entry(0, 1),
+        entry(0, 2),
+        entry(1, 1),
+        entry(1, 2),
+        entry(2, 2),
+    ]
 }
-

@@ -28,9 +28,11 @@ const LAST_ITERATIONS: usize = 2;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
-const LEAST_READINGS: u32 = 24;
+const LEAST_READINGS: u32 = 8;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
-const WORTHWHILE: f64 = 0.1;
+const WORTHWHILE: f64 = 0.02;
+/// How many standard deviations χ² of a leaf's bins must exceed its mean by.
+const SIGNIFICANT: f64 = 2.5;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 30;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
@@ -59,7 +61,9 @@ pub(super) struct Settled {
 /// Finds the first shape and settles it.
 pub(super) fn settle(observations: &Observations, options: &FitOptions, progress: &dyn Progress) -> Result<Settled> {
     let size = observations.len();
-    let some: Vec<u32> = (0..size as u32).step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1)).collect();
+    let some: Vec<u32> = (0..size as u32)
+        .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
+        .collect();
     let points: Vec<[f64; 3]> = some.iter().map(|&i| observations.points[i as usize]).collect();
     let normals: Vec<[f64; 3]> = some.iter().map(|&i| observations.normal(i as usize)).collect();
     let base = choose_base_shape(&points, &normals, options.shape)?;
@@ -68,11 +72,15 @@ pub(super) fn settle(observations: &Observations, options: &FitOptions, progress
     progress.check("first shape", 0.02)?;
     let surface = if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
-        grow(&base, grid, &points, &indicator, &|share| progress.check("growing", 0.05 + 0.35 * share))?
+        grow(&base, grid, &points, &indicator, &|share| {
+            progress.check("growing", 0.05 + 0.35 * share)
+        })?
     } else {
         drape(&base, grid, &points)?
     };
-    let subset: Vec<u32> = (0..size as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    let subset: Vec<u32> = (0..size as u32)
+        .filter(|&i| !observations.held_out[i as usize])
+        .collect();
     refine_to_noise(observations, surface, subset, options, progress)
 }
 
@@ -90,7 +98,11 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
     }
     let data = system.accumulate(|leaf, cell| {
         for &(i, local) in &lists[leaf] {
-            cell.add_vector(&leaf_weights(local[0], local[1]), points[i as usize], &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+            cell.add_vector(
+                &leaf_weights(local[0], local[1]),
+                points[i as usize],
+                &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+            );
         }
         !lists[leaf].is_empty()
     })?;
@@ -164,7 +176,9 @@ pub(super) fn refine_to_noise(
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, 0.5 * leverage, final_round)?;
             let information = weights(observations, &sample, &feet, &noise, options.gate, !final_round);
             if !information.iter().any(|&w| w > 0.0) {
-                return Err(Error::undetermined("no reading lies near the surface: do the scans share one frame and unit?"));
+                return Err(Error::undetermined(
+                    "no reading lies near the surface: do the scans share one frame and unit?",
+                ));
             }
             let t2 = clock.elapsed();
             let t3 = clock.elapsed();
@@ -179,8 +193,12 @@ pub(super) fn refine_to_noise(
             if std::env::var("PLANISH_TRACE").is_ok() {
                 eprintln!(
                     "   it {iteration} noise {:.3e} weight {start:.3e} dof {:.0} bend {:.1} stiffened {} mismatch {} times {t1:.2?} {t2:.2?} {t3:.2?} {t4:.2?} {:.2?}",
-                    noise.estimated[0].sqrt(), step.degrees, energy.total, energy.stiffened,
-                    feet.iter().filter(|f| f.state != FootState::Good).count(), clock.elapsed()
+                    noise.estimated[0].sqrt(),
+                    step.degrees,
+                    energy.total,
+                    energy.stiffened,
+                    feet.iter().filter(|f| f.state != FootState::Good).count(),
+                    clock.elapsed()
                 );
             }
         }
@@ -212,11 +230,14 @@ pub(super) fn refine_to_noise(
         if std::env::var("PLANISH_TRACE").is_ok() {
             eprintln!(
                 "round {round}: nodes {} leaves {} sample {} sigma {:?} weight {weight_now:.3e} marked {}",
-                surface.space().node_count(), surface.space().leaves().len(), sample.len(),
-                noise.estimated.iter().map(|v| v.sqrt()).collect::<Vec<_>>(), verdict.marked.len()
+                surface.space().node_count(),
+                surface.space().leaves().len(),
+                sample.len(),
+                noise.estimated.iter().map(|v| v.sqrt()).collect::<Vec<_>>(),
+                verdict.marked.len()
             );
         }
-        if verdict.marked.len() * 100 < surface.space().leaves().len() {
+        if verdict.marked.len() * 50 < surface.space().leaves().len() {
             final_round = true;
             continue;
         }
@@ -261,7 +282,12 @@ impl BendingEnergy {
             }
         }
         let matrix = system.assemble_energy(&leaves)?.expanded(3)?;
-        let mut made = Self { matrix, leaves, total: 0.0, stiffened: 0 };
+        let mut made = Self {
+            matrix,
+            leaves,
+            total: 0.0,
+            stiffened: 0,
+        };
         made.measure(surface);
         Ok(made)
     }
@@ -280,9 +306,12 @@ impl BendingEnergy {
 
 /// A length of the order of the whole surface.
 pub(super) fn extent_of(surface: &Surface) -> f64 {
-    let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-        ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
-    });
+    let (lo, hi) = surface
+        .vertices()
+        .iter()
+        .fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+            ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
+        });
     (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max)
 }
 
@@ -313,7 +342,13 @@ pub(super) fn weights(
             let r = foot.height.abs() / variance.sqrt();
             if finding {
                 // Far readings pull with bounded force: most are shape still to be found, not errors.
-                (if r > 20.0 { 0.0 } else if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
+                (if r > 20.0 {
+                    0.0
+                } else if r > 2.5 {
+                    2.5 / r
+                } else {
+                    1.0
+                }) / variance
             } else if r <= gate {
                 1.0 / variance
             } else {
@@ -354,7 +389,14 @@ fn misfit(
             if foot.state != FootState::Good {
                 continue;
             }
-            let variance = noise.used[observations.sensor(subset[k as usize] as usize)] * foot.variance;
+            let sensor = observations.sensor(subset[k as usize] as usize);
+            // While shape is missing it inflates every estimate: a stated σ bounds it.
+            let factor = noise.used[sensor].min(if observations.stated[sensor] {
+                1.0
+            } else {
+                f64::INFINITY
+            });
+            let variance = factor * foot.variance;
             // Huber's mean: one wild reading must not split a leaf.
             let r = foot.height.abs() / variance.sqrt();
             let w = (if r > 3.0 { 3.0 / r } else { 1.0 }) / variance;
@@ -368,18 +410,30 @@ fn misfit(
             continue;
         }
         let filled = precisions.iter().filter(|&&p| p > 0.0).count() as f64;
-        let chi2: f64 = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| s * s / p).sum();
+        let chi2: f64 = sums
+            .iter()
+            .zip(&precisions)
+            .filter(|(_, p)| **p > 0.0)
+            .map(|(s, p)| s * s / p)
+            .sum();
         let bad = match options.tolerance {
-            None => chi2 > filled + (4.0 * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(count)),
+            None => chi2 > filled + (SIGNIFICANT * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(count)),
             Some(tolerance) => {
-                let worst = sums.iter().zip(&precisions).filter(|(_, p)| **p > 0.0).map(|(s, p)| (s / p).abs()).fold(0.0, f64::max);
-                worst > tolerance && chi2 > filled + 2.0 * (2.0 * filled).sqrt()
+                let worst = sums
+                    .iter()
+                    .zip(&precisions)
+                    .filter(|(_, p)| **p > 0.0)
+                    .map(|(s, p)| (s / p).abs())
+                    .fold(0.0, f64::max);
+                worst > tolerance && chi2 > filled + SIGNIFICANT * (2.0 * filled).sqrt()
             }
         };
         if bad {
             let quadrant = |right: bool, upper: bool| -> f64 {
                 (0..BINS * BINS)
-                    .filter(|bin| (bin % BINS >= BINS / 2) == right && (bin / BINS >= BINS / 2) == upper && precisions[*bin] > 0.0)
+                    .filter(|bin| {
+                        (bin % BINS >= BINS / 2) == right && (bin / BINS >= BINS / 2) == upper && precisions[*bin] > 0.0
+                    })
                     .map(|bin| sums[bin] * sums[bin] / precisions[bin])
                     .sum()
             };

@@ -1,0 +1,568 @@
+//! Deviations of a model from a reference, and how often the model's stated σ covers them.
+//!
+//! Comes in: a model (`.planish`, or a mesh with columns `sigma` and `observed`) and a [`Reference`]: a mesh, or points with or
+//! without σ. Goes out: a [`ComparisonReport`] in the model's unit.
+//!
+//! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's points to the model's
+//! surface, by exact foot points where a `.planish` is given. Both are positive where the model lies on the side that the reference's
+//! normal points to (that the model's normal points to, where the reference has none). Only what the model counts as observed is compared, and nothing
+//! whose foot lies on an open border: there, the other side ends.
+//!
+//! Not guaranteed: weighting by area (finely meshed parts count more); that foot points are the globally nearest ones. They start at the
+//! sample whose position and normal agree best, which keeps the two sides of a thin part apart.
+
+use crate::mesh_output::{affordable_tolerance, median_sigma};
+use crate::model::SurfaceModel;
+use crate::point_sigmas::sigmas_along;
+use crate::progress::Progress;
+use crate::saved;
+use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_exchange::ply::{PolygonMesh, read_mesh};
+use planish_exchange::{ScanSet, Unit, read_inputs};
+use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
+use planish_sense::{Pose, variance_along};
+use planish_spline::{FootPoint, FootPointSearch, ProjectionOptions, TessellationOptions, tessellate};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::Path;
+
+/// The 97.5 % quantile of the normal distribution: half the width of its central 95 %.
+const QUANTILE_95: f64 = 1.959_963_984_540_054;
+/// More triangles than this tell no more about deviations.
+const MOST_FORWARD_TRIANGLES: u64 = 500_000;
+
+/// A model to be compared.
+#[derive(Debug, Clone)]
+pub enum Compared {
+    /// A spline with its covariance.
+    Surface(Box<SurfaceModel>),
+    /// A mesh with what its vertices say.
+    Mesh(ComparedMesh),
+}
+
+/// A mesh whose vertices may carry σ and `observed`.
+#[derive(Debug, Clone)]
+pub struct ComparedMesh {
+    /// Positions and triangles.
+    pub mesh: TriangleMesh,
+    /// σ along the normal.
+    pub sigma: Option<Vec<f64>>,
+    /// Whether each vertex was measured.
+    pub observed: Option<Vec<bool>>,
+    /// Unit of every length, where the file names it.
+    pub unit: Option<Unit>,
+}
+
+/// What a model is compared with.
+#[derive(Debug, Clone, Default)]
+pub struct Reference {
+    /// Its points: the vertices of a mesh, or a cloud.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals, zero where not known; none where no point has one.
+    pub normals: Option<Vec<[f64; 3]>>,
+    /// Triangles between the points; none for a cloud.
+    pub triangles: Vec<[u32; 3]>,
+    /// Covariances `[xx, xy, xz, yy, yz, zz]` of the points, zero where not stated; none where the reference counts as exact.
+    pub covariance: Option<Vec<[f64; 6]>>,
+    /// Unit of every length, where a file names it.
+    pub unit: Option<Unit>,
+}
+
+/// Figures of one direction, in the model's unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Deviations {
+    /// Root mean square.
+    pub rms: f64,
+    /// Signed mean: a bias.
+    pub mean: f64,
+    /// Median of the absolute deviations.
+    pub p50: f64,
+    /// 95 % quantile of the absolute deviations.
+    pub p95: f64,
+    /// Greatest absolute deviation.
+    pub max: f64,
+    /// How many points were compared.
+    pub n: usize,
+}
+
+/// Points that were not compared, by cause.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Skipped {
+    /// Vertices of the model where it was not measured.
+    pub model_not_observed: usize,
+    /// Vertices of the model beyond an open border of the reference.
+    pub model_beyond_border: usize,
+    /// Points of the reference beside a part of the model that was not measured.
+    pub reference_not_observed: usize,
+    /// Points of the reference beyond an open border of the model.
+    pub reference_beyond_border: usize,
+}
+
+/// The figures of a comparison: keys of the JSON summary.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ComparisonReport {
+    /// Unit of every length.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// From the model to the reference; none where the reference has no triangles or nothing is left to compare.
+    pub forward: Option<Deviations>,
+    /// From the reference to the model; none where nothing is left to compare.
+    pub backward: Option<Deviations>,
+    /// Share of the reference's points within 1.96 · √(σ_model² + σ_reference²); none where the model carries no σ.
+    pub coverage95: Option<f64>,
+    /// What was left out.
+    pub skipped: Skipped,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// How to compare.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CompareOptions {
+    /// The unit of files that name none; the other file's where none is given, else millimetres.
+    pub unit: Option<Unit>,
+    /// Chord error of the model's mesh, in the model's unit; half the median σ where none is given.
+    pub mesh_tolerance: Option<f64>,
+}
+
+impl Compared {
+    /// Reads a `.planish` model or a PLY mesh.
+    ///
+    /// # Errors
+    /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ that is negative or not finite.
+    pub fn read(path: &Path) -> Result<Self> {
+        match crate::output::extension(path).as_str() {
+            "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
+            "ply" => {
+                let file = read_mesh(path)?;
+                if file.triangles.is_empty() {
+                    return Err(Error::input(format!(
+                        "{}: needed a model with a surface, found points only: give them as the reference",
+                        path.display()
+                    )));
+                }
+                let sigma = file.column("sigma").map(<[f64]>::to_vec);
+                if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
+                    return Err(Error::input(format!(
+                        "{}: vertex {at}: needed sigma ≥ 0, found {}",
+                        path.display(),
+                        sigma.unwrap_or_default()[at]
+                    )));
+                }
+                Ok(Self::Mesh(ComparedMesh {
+                    sigma,
+                    observed: file
+                        .column("observed")
+                        .map(|column| column.iter().map(|&o| o == 1.0).collect()),
+                    unit: file.unit,
+                    mesh: TriangleMesh::try_new(file.points, file.triangles)
+                        .map_err(|e| e.in_context(path.display()))?,
+                }))
+            }
+            other => Err(Error::unsupported(format!(
+                "{}: needed a model (.planish) or a mesh (.ply), found the extension `{other}`",
+                path.display()
+            ))),
+        }
+    }
+
+    fn unit(&self) -> Option<Unit> {
+        match self {
+            Self::Surface(model) => Some(model.unit),
+            Self::Mesh(mesh) => mesh.unit,
+        }
+    }
+}
+
+impl Reference {
+    /// Reads a mesh or a cloud: any file that a fit reads.
+    ///
+    /// A PLY file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its sensors.
+    ///
+    /// # Errors
+    /// As the readers; `Input` for a σ that is not positive.
+    pub fn read(path: &Path) -> Result<Self> {
+        if crate::output::extension(path) != "ply" {
+            return Ok(Self::from_scans(&read_inputs(&[path], None)?));
+        }
+        let file = read_mesh(path)?;
+        if file.points.is_empty() {
+            return Err(Error::input(format!("{}: needed points, found none", path.display())));
+        }
+        let made = Self {
+            covariance: covariances(&file).map_err(|e| e.in_context(path.display()))?,
+            normals: normals(&file),
+            unit: file.unit,
+            points: file.points,
+            triangles: file.triangles,
+        };
+        let Self { points, triangles, .. } = &made;
+        if triangles.is_empty() {
+            return Ok(made);
+        }
+        let mesh =
+            TriangleMesh::try_new(points.clone(), triangles.clone()).map_err(|e| e.in_context(path.display()))?;
+        Ok(Self {
+            normals: Some(mesh.vertex_normals()),
+            ..made
+        })
+    }
+
+    /// The points of scans, in world coordinates.
+    #[must_use]
+    pub fn from_scans(set: &ScanSet) -> Self {
+        let mut made = Self {
+            unit: set.unit,
+            ..Self::default()
+        };
+        let (mut normals, mut covariance) = (Vec::new(), Vec::new());
+        for posed in &set.scans {
+            let scan = &posed.scan;
+            let pose = &scan.world_from_scanner;
+            for k in 0..scan.points.len() {
+                made.points.push(pose.apply(scan.points[k]));
+                let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or([0.0; 3]);
+                normals.push(pose.rotate(normal));
+                let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
+                    (Some(all), _, _) => rotated(pose, &all[k]),
+                    (None, Some(sigmas), _) => isotropic(sigmas[k]),
+                    (None, None, Some(noise)) => noise.covariance(None),
+                    (None, None, None) => [0.0; 6],
+                };
+                covariance.push(stated);
+            }
+        }
+        let known = |n: &[f64; 3]| *n != [0.0; 3];
+        made.normals = normals.iter().any(known).then_some(normals);
+        made.covariance = covariance.iter().any(|c| *c != [0.0; 6]).then_some(covariance);
+        made
+    }
+
+    /// The same in lengths `factor` times as many of another unit.
+    fn scaled(mut self, factor: f64) -> Self {
+        if factor != 1.0 {
+            self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
+            self.covariance
+                .iter_mut()
+                .flatten()
+                .for_each(|c| *c = c.map(|v| v * factor * factor));
+        }
+        self
+    }
+
+    fn normal(&self, k: usize) -> [f64; 3] {
+        self.normals.as_ref().map_or([0.0; 3], |n| n[k])
+    }
+
+    fn variance(&self, k: usize, direction: [f64; 3]) -> f64 {
+        self.covariance
+            .as_ref()
+            .map_or(0.0, |c| variance_along(&c[k], direction))
+    }
+}
+
+fn isotropic(sigma: f64) -> [f64; 6] {
+    let v = sigma * sigma;
+    [v, 0.0, 0.0, v, 0.0, v]
+}
+
+/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+fn rotated(pose: &Pose, c: &[f64; 6]) -> [f64; 6] {
+    // Rows of C, each carried to the world: C Rᵀ, then its columns.
+    let rows = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]].map(|row| pose.rotate(row));
+    let columns = [0, 1, 2].map(|d| pose.rotate([rows[0][d], rows[1][d], rows[2][d]]));
+    [
+        columns[0][0],
+        columns[0][1],
+        columns[0][2],
+        columns[1][1],
+        columns[1][2],
+        columns[2][2],
+    ]
+}
+
+fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
+    if let Some(sigma) = file.column("sigma") {
+        if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Error::input(format!(
+                "vertex {at}: needed sigma ≥ 0, found {}",
+                sigma[at]
+            )));
+        }
+        return Ok(Some(sigma.iter().map(|&s| isotropic(s)).collect()));
+    }
+    let columns = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"].map(|name| file.column(name));
+    let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f)] = columns else {
+        return Ok(None);
+    };
+    Ok(Some(
+        (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect(),
+    ))
+}
+
+fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
+    let [Some(x), Some(y), Some(z)] = ["nx", "ny", "nz"].map(|name| file.column(name)) else {
+        return None;
+    };
+    Some(
+        (0..x.len())
+            .map(|k| {
+                unit([x[k], y[k], z[k]])
+                    .filter(|n| norm(*n).is_finite())
+                    .unwrap_or([0.0; 3])
+            })
+            .collect(),
+    )
+}
+
+/// Compares a model with a reference.
+///
+/// Where both name their unit, the reference is converted to the model's.
+///
+/// # Errors
+/// `Undetermined` when the two share nothing to compare; `Input` for meshes that cannot be searched; `Interrupted` on request.
+pub fn compare(
+    model: &Compared,
+    reference: Reference,
+    options: &CompareOptions,
+    progress: &dyn Progress,
+) -> Result<ComparisonReport> {
+    let unit = model
+        .unit()
+        .or(options.unit)
+        .or(reference.unit)
+        .unwrap_or(Unit::Millimetre);
+    let of_reference = reference.unit.or(options.unit).unwrap_or(unit);
+    let mut report = ComparisonReport {
+        unit,
+        forward: None,
+        backward: None,
+        coverage95: None,
+        skipped: Skipped::default(),
+        warnings: Vec::new(),
+    };
+    if of_reference != unit {
+        report.warnings.push(format!(
+            "the reference is in {of_reference}, the model in {unit}: the reference was converted"
+        ));
+    }
+    let reference = reference.scaled(of_reference.millimetres() / unit.millimetres());
+    progress.check("backward", 0.0)?;
+    let pairs = match model {
+        Compared::Surface(model) => surface_pairs(model, &reference, &mut report.skipped)?,
+        Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, &mut report.skipped)?,
+    };
+    summarise_backward(&pairs, &reference, &mut report)?;
+    progress.check("forward", 0.6)?;
+    if reference.triangles.is_empty() {
+        report
+            .warnings
+            .push("the reference has no faces: nothing was measured from the model to it".to_owned());
+    } else {
+        let vertices = observed_vertices(model, options.mesh_tolerance, &mut report.skipped)?;
+        progress.check("forward", 0.7)?;
+        let mesh = TriangleMesh::try_new(reference.points, reference.triangles)?;
+        let feet = MeshSearch::try_new(&mesh)?.closest_all(&vertices);
+        let all = feet.len();
+        let signed: Vec<f64> = feet
+            .into_iter()
+            .flatten()
+            .filter(|foot| !foot.on_boundary)
+            .map(|foot| foot.signed_distance)
+            .collect();
+        report.skipped.model_beyond_border = all - signed.len();
+        report.forward = deviations(&signed)?;
+    }
+    if report.forward.is_none() && report.backward.is_none() {
+        return Err(Error::undetermined(
+            "the model and the reference share nothing to compare: no point of either lies beside an observed part of the other",
+        ));
+    }
+    progress.advance("done", 1.0);
+    Ok(report)
+}
+
+/// Reads two files and compares them.
+///
+/// # Errors
+/// As [`Compared::read`], [`Reference::read`] and [`compare`].
+pub fn compare_files(
+    model: &Path,
+    reference: &Path,
+    options: &CompareOptions,
+    progress: &dyn Progress,
+) -> Result<ComparisonReport> {
+    let model = Compared::read(model)?;
+    compare(&model, Reference::read(reference)?, options, progress)
+}
+
+fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {
+    if signed.is_empty() {
+        return Ok(None);
+    }
+    let DeviationStatistics {
+        rms,
+        mean,
+        p50,
+        p95,
+        max,
+        n,
+    } = DeviationStatistics::from_signed(signed)?;
+    Ok(Some(Deviations {
+        rms,
+        mean,
+        p50,
+        p95,
+        max,
+        n,
+    }))
+}
+
+/// A point of the reference and its foot on the model.
+struct Pair {
+    point: usize,
+    foot: [f64; 3],
+    /// The model's normal there.
+    normal: [f64; 3],
+    /// The model's σ along it.
+    sigma: Option<f64>,
+}
+
+fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut ComparisonReport) -> Result<()> {
+    let mut signed = Vec::with_capacity(pairs.len());
+    let (mut with_sigma, mut covered, mut against) = (0_usize, 0_usize, 0_usize);
+    for pair in pairs {
+        let offset = sub(pair.foot, reference.points[pair.point]);
+        let own = reference.normal(pair.point);
+        let direction = if own == [0.0; 3] { pair.normal } else { own };
+        against += usize::from(dot(own, pair.normal) < 0.0);
+        let size = norm(offset);
+        signed.push(if dot(offset, direction) < 0.0 { -size } else { size });
+        if let Some(sigma) = pair.sigma {
+            with_sigma += 1;
+            let variance = sigma * sigma + reference.variance(pair.point, pair.normal);
+            covered += usize::from(size <= QUANTILE_95 * variance.sqrt());
+        }
+    }
+    if 2 * against > pairs.len() {
+        report.warnings.push(
+            "most of the reference's normals point to the other side than the model's: signs are along the reference's"
+                .to_owned(),
+        );
+    }
+    report.backward = deviations(&signed)?;
+    report.coverage95 = (with_sigma > 0).then(|| covered as f64 / with_sigma as f64);
+    Ok(())
+}
+
+/// Exact foot points of the reference on a spline.
+fn surface_pairs(model: &SurfaceModel, reference: &Reference, skipped: &mut Skipped) -> Result<Vec<Pair>> {
+    let surface = &model.surface;
+    let extent = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
+    let options = ProjectionOptions::default();
+    let feet: Vec<FootPoint> = (0..reference.points.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|k| {
+            let z = reference.points[k];
+            let away = |foot: &FootPoint| distance(foot.jet.point, z);
+            let first = surface.project(z, search.nearest(z, reference.normal(k)), &options);
+            // No foot of a perpendicular: the iteration got stuck, or the normal misled it.
+            if first.at_border || first.converged && first.slip <= 0.05 * away(&first) + 1e-6 * extent {
+                return first;
+            }
+            let second = surface.project(z, search.nearest(z, [0.0; 3]), &options);
+            if away(&second) < away(&first) { second } else { first }
+        })
+        .collect();
+    let (mut points, mut leaf, mut local, mut normals) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (k, foot) in feet.iter().enumerate() {
+        if foot.at_border {
+            skipped.reference_beyond_border += 1;
+        } else if !model.observed[foot.leaf as usize] {
+            skipped.reference_not_observed += 1;
+        } else {
+            points.push(k);
+            leaf.push(foot.leaf);
+            local.push(foot.local);
+            normals.push(foot.normal);
+        }
+    }
+    let sigmas = sigmas_along(&model.posterior()?, &leaf, &local, &normals)?;
+    Ok(points
+        .into_iter()
+        .zip(sigmas)
+        .map(|(point, sigma)| Pair {
+            point,
+            foot: feet[point].jet.point,
+            normal: feet[point].normal,
+            sigma: Some(sigma),
+        })
+        .collect())
+}
+
+/// Closest points of the reference on a mesh.
+fn mesh_pairs(model: &ComparedMesh, reference: &Reference, skipped: &mut Skipped) -> Result<Vec<Pair>> {
+    let feet = MeshSearch::try_new(&model.mesh)?.closest_all(&reference.points);
+    let mut pairs = Vec::with_capacity(feet.len());
+    for (point, foot) in feet.into_iter().enumerate() {
+        let Some(foot) = foot else { continue };
+        let corners = model.mesh.triangles[foot.triangle as usize];
+        let measured = model
+            .observed
+            .as_ref()
+            .is_none_or(|observed| corners.iter().all(|&v| observed[v as usize]));
+        if foot.on_boundary {
+            skipped.reference_beyond_border += 1;
+        } else if !measured {
+            skipped.reference_not_observed += 1;
+        } else {
+            let interpolate =
+                |sigma: &Vec<f64>| model.mesh.interpolate(sigma, foot.triangle as usize, foot.barycentric);
+            pairs.push(Pair {
+                point,
+                foot: foot.point,
+                normal: foot.normal,
+                sigma: model.sigma.as_ref().map(interpolate),
+            });
+        }
+    }
+    Ok(pairs)
+}
+
+/// The vertices of a model's mesh that were measured.
+fn observed_vertices(model: &Compared, tolerance: Option<f64>, skipped: &mut Skipped) -> Result<Vec<[f64; 3]>> {
+    let (positions, observed): (_, Vec<bool>) = match model {
+        Compared::Surface(model) => {
+            let tolerance = match tolerance {
+                Some(tolerance) => tolerance,
+                None => {
+                    let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;
+                    affordable_tolerance(&model.surface, wanted, MOST_FORWARD_TRIANGLES)?
+                }
+            };
+            let options = TessellationOptions {
+                tolerance,
+                ..TessellationOptions::default()
+            };
+            let made = tessellate(&model.surface, &options)?;
+            let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize]).collect();
+            (made.positions, observed)
+        }
+        Compared::Mesh(mesh) => {
+            let all = || vec![true; mesh.mesh.positions.len()];
+            (mesh.mesh.positions.clone(), mesh.observed.clone().unwrap_or_else(all))
+        }
+    };
+    let all = positions.len();
+    let kept: Vec<[f64; 3]> = positions
+        .into_iter()
+        .zip(&observed)
+        .filter(|(_, observed)| **observed)
+        .map(|(p, _)| p)
+        .collect();
+    skipped.model_not_observed = all - kept.len();
+    Ok(kept)
+}

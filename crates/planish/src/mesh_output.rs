@@ -1,0 +1,280 @@
+//! Triangle meshes of a model whose every vertex says how well it is known.
+//!
+//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`.
+//! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured and 0 where only the prior speaks.
+//! The same bytes at any number of threads.
+//!
+//! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the mesh does not cross itself
+//! where the surface folds.
+
+use crate::model::{Posterior, SurfaceModel};
+use crate::point_sigmas::sigmas_along;
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::ply::{Column, MeshColumns, write_mesh};
+use planish_mesh::TriangleMesh;
+use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Default meshes have about this many triangles at most: a file of some 100 MB.
+pub const MOST_DEFAULT_TRIANGLES: u64 = 2_000_000;
+
+/// A mesh of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelMesh {
+    /// Positions and triangles, in the model's unit.
+    pub mesh: TriangleMesh,
+    /// Unit normals of the surface, one for each vertex.
+    pub normals: Vec<[f64; 3]>,
+    /// σ of each vertex along its normal, in the model's unit.
+    pub sigma: Vec<f64>,
+    /// 1 where the vertex was measured, 0 where only the prior speaks.
+    pub observed: Vec<u8>,
+    /// The chord error that was asked for.
+    pub tolerance: f64,
+    /// Unit of every length.
+    pub unit: Unit,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is given, or what
+/// [`MOST_DEFAULT_TRIANGLES`] allow.
+///
+/// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
+///
+/// # Errors
+/// `Input` for a tolerance that is not positive or takes more than 2³¹ triangles.
+///
+/// # Examples
+/// ```no_run
+/// use planish::mesh_output::{mesh_from_model, write_model_mesh};
+/// let model = planish::saved::load("part.planish".as_ref())?;
+/// let mesh = mesh_from_model(&model, &model.posterior()?, None)?;
+/// write_model_mesh(&mesh, "part.ply".as_ref())?;
+/// # Ok::<(), planish::Error>(())
+/// ```
+pub fn mesh_from_model(model: &SurfaceModel, posterior: &Posterior<'_>, tolerance: Option<f64>) -> Result<ModelMesh> {
+    let mut warnings = Vec::new();
+    let tolerance = match tolerance {
+        Some(tolerance) => tolerance,
+        None => default_tolerance(model, posterior, &mut warnings)?,
+    };
+    let options = TessellationOptions {
+        tolerance,
+        ..TessellationOptions::default()
+    };
+    let made = tessellate(&model.surface, &options)?;
+    if made.limited_leaves > 0 {
+        warnings.push(format!(
+            "the mesh is coarser than {tolerance:.3e} {} on {} of {} cells, where 64 divisions a side were not enough",
+            model.unit,
+            made.limited_leaves,
+            model.observed.len()
+        ));
+    }
+    let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
+    let observed = made
+        .leaf
+        .iter()
+        .map(|&leaf| u8::from(model.observed[leaf as usize]))
+        .collect();
+    Ok(ModelMesh {
+        mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
+        normals: made.normals,
+        sigma,
+        observed,
+        tolerance,
+        unit: model.unit,
+        warnings,
+    })
+}
+
+/// The given tolerance, enlarged until a mesh within it has no more than so many triangles.
+pub(crate) fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
+    let mut tolerance = wanted;
+    loop {
+        let options = TessellationOptions {
+            tolerance,
+            ..TessellationOptions::default()
+        };
+        if least_triangles(surface, &options)? <= most_triangles.max(2 * surface.space().leaves().len() as u64) {
+            return Ok(tolerance);
+        }
+        tolerance *= 1.25;
+    }
+}
+
+/// Half the median σ, enlarged until the mesh is of a size that programs open.
+fn default_tolerance(model: &SurfaceModel, posterior: &Posterior<'_>, warnings: &mut Vec<String>) -> Result<f64> {
+    let wanted = 0.5 * median_sigma(model, posterior)?;
+    let tolerance = affordable_tolerance(&model.surface, wanted, MOST_DEFAULT_TRIANGLES)?;
+    if tolerance > wanted {
+        warnings.push(format!(
+            "the mesh follows the surface within {tolerance:.3e} {unit}, not within half its median σ of {wanted:.3e} {unit}: that takes \
+             more than {MOST_DEFAULT_TRIANGLES} triangles; ask for it with --mesh-tolerance",
+            unit = model.unit
+        ));
+    }
+    Ok(tolerance)
+}
+
+/// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none was measured).
+///
+/// # Errors
+/// `Undetermined` when the surface has no area.
+pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f64> {
+    let any = model.observed.contains(&true);
+    let surface = &model.surface;
+    let mut by_area: Vec<(f64, f64)> = (0..model.observed.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .filter(|&leaf| model.observed[leaf] || !any)
+        .map(|leaf| {
+            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+            let side = surface.space().leaves()[leaf].side();
+            let [e, f, g] = jet.first_form();
+            let area = side * side * (e * g - f * f).max(0.0).sqrt();
+            let normal = jet.normal().unwrap_or([0.0; 3]);
+            Ok((Posterior::sigma_along(&posterior.leaf(leaf)?, [0.5, 0.5], normal), area))
+        })
+        .collect::<Result<_>>()?;
+    by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
+    by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = by_area.iter().map(|(_, area)| area).sum();
+    let mut sum = 0.0;
+    for (sigma, area) in &by_area {
+        sum += area;
+        if sum >= 0.5 * total {
+            return Ok(*sigma);
+        }
+    }
+    Err(Error::undetermined("the surface has no area whose σ could be told"))
+}
+
+/// Writes a model's mesh as PLY.
+///
+/// # Errors
+/// `Io` when the file cannot be written; nothing is left half-written.
+pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
+    write_mesh(
+        path,
+        &MeshColumns {
+            points: &mesh.mesh.positions,
+            normals: Some(&mesh.normals),
+            columns: vec![
+                ("sigma", Column::F64(&mesh.sigma)),
+                ("observed", Column::U8(&mesh.observed)),
+            ],
+            triangles: &mesh.mesh.triangles,
+            unit: Some(mesh.unit),
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{SIGMA, model_of, refined_surface, small_model};
+    use planish_estimate::vector3::norm;
+    use planish_exchange::ply::read_mesh;
+    use planish_spline::Shape;
+
+    #[test]
+    fn sigma_of_every_vertex_is_that_of_its_surface_point() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_from_model(&model, &posterior, Some(1e-3)).unwrap();
+        let made = tessellate(
+            &model.surface,
+            &TessellationOptions {
+                tolerance: 1e-3,
+                ..Default::default()
+            },
+        )
+        .unwrap();
+        for vertex in (0..mesh.sigma.len()).step_by(17) {
+            let leaf = made.leaf[vertex] as usize;
+            let alone =
+                Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), made.local[vertex], made.normals[vertex]);
+            assert_eq!(mesh.sigma[vertex].to_bits(), alone.to_bits(), "vertex {vertex}");
+            assert_eq!(mesh.observed[vertex] == 1, model.observed[leaf]);
+        }
+        assert!(mesh.sigma.iter().all(|&s| s > 0.0));
+    }
+
+    #[test]
+    fn what_was_not_measured_is_known_less() {
+        let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        let mean = |seen: u8| {
+            let of: Vec<f64> = mesh
+                .sigma
+                .iter()
+                .zip(&mesh.observed)
+                .filter(|(_, o)| **o == seen)
+                .map(|(s, _)| *s)
+                .collect();
+            of.iter().sum::<f64>() / of.len() as f64
+        };
+        assert!(mean(0) > 2.0 * mean(1), "{} {}", mean(0), mean(1));
+        assert!(mean(1) < SIGMA);
+    }
+
+    #[test]
+    fn the_default_chord_error_is_half_the_median_sigma() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_from_model(&model, &posterior, None).unwrap();
+        assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
+        assert!(mesh.warnings.is_empty() && mesh.mesh.check().watertight);
+        // A unit ball: no chord lies deeper than the tolerance.
+        for corners in (0..mesh.mesh.triangles.len()).map(|t| mesh.mesh.corners(t)) {
+            let middle = [0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0);
+            assert!(norm(middle) > 1.0 - 1.1 * mesh.tolerance - 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_sigma_too_small_to_mesh_is_reported() {
+        let mut model = small_model(Shape::Ball);
+        let data = model.data.clone();
+        model.data.add_scaled(&data, 1e16).unwrap();
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), None).unwrap();
+        assert!(mesh.mesh.triangles.len() as u64 <= MOST_DEFAULT_TRIANGLES * 11 / 10);
+        assert!(
+            mesh.warnings.iter().any(|w| w.contains("--mesh-tolerance")),
+            "{:?}",
+            mesh.warnings
+        );
+    }
+
+    #[test]
+    fn the_file_holds_the_columns_of_the_contract() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let model = small_model(Shape::Tube);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        write_model_mesh(&mesh, &path).unwrap();
+        let read = read_mesh(&path).unwrap();
+        let names: Vec<&str> = read.columns.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["nx", "ny", "nz", "sigma", "observed"]);
+        assert_eq!(read.column("sigma").unwrap(), mesh.sigma);
+        assert_eq!(
+            (read.points, read.triangles),
+            (mesh.mesh.positions, mesh.mesh.triangles)
+        );
+        assert_eq!(read.unit, Some(Unit::Millimetre));
+    }
+
+    #[test]
+    fn threads_do_not_change_the_mesh() {
+        let model = small_model(Shape::Torus);
+        let made = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| mesh_from_model(&model, &model.posterior().unwrap(), None).unwrap())
+        });
+        assert!(made[0] == made[1] && made[1] == made[2]);
+    }
+}

@@ -1,0 +1,598 @@
+//! Saved models: a [`SurfaceModel`] as a `.planish` file and back.
+//!
+//! Comes in: a model and where it came from. Goes out: the same model, bit by bit; the same model gives the same bytes.
+//! A `.planish` file is safetensors; any reader of those opens it. With L leaves, N nodes and E entries of the pattern:
+//!
+//! | tensor | shape, type | what |
+//! |---|---|---|
+//! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
+//! | `cells` | L × 3, u32 | the leaves: level, column, row |
+//! | `observed` | L, u8 | 1 where the leaf was measured |
+//! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
+//! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
+//! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
+//! | `information_data_values` | E × 3 × 3, f64 | blocks of Λ: rows of the entry's node, columns of the column's |
+//! | `information_data_vector` | N × 3, f64 | η |
+//! | `information_prior_…` | as above | the prior's |
+//! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
+//!
+//! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`, `poses` (names and σ) and
+//! `provenance`: one entry for each session that went in.
+//!
+//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
+
+use crate::model::{PoseReport, SensorReport, SurfaceModel};
+use planish_estimate::sparse::{BlockInformation, BlockPattern};
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::model::{ModelFile, Tensor, TensorData, read_model, write_model};
+use planish_spline::{Cell, Hierarchy, MAX_LEVEL, Shape, Surface};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Most cells of the finest grid that a hierarchy keeps a mark for: more would take gigabytes.
+const MOST_CELLS_OF_A_LEVEL: u64 = 1 << 27;
+
+/// A file whose points went into a model.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SessionInput {
+    /// Its name as the user or a list gave it.
+    pub name: String,
+    /// How many points it gave; 0 for a list of files.
+    pub points: usize,
+}
+
+/// One session that made or updated a model: enough to repeat it, and nothing of when or where it ran.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Session {
+    /// Version of Planish.
+    pub version: String,
+    /// The arguments that decide the answer, as on the command line.
+    pub arguments: Vec<String>,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// What was read.
+    pub inputs: Vec<SessionInput>,
+}
+
+/// A model with the sessions that made it.
+#[derive(Debug, Clone)]
+pub struct SavedModel {
+    /// The model.
+    pub model: SurfaceModel,
+    /// The sessions, oldest first.
+    pub provenance: Vec<Session>,
+}
+
+/// The metadata beside the tensors.
+#[derive(Serialize, Deserialize)]
+struct Metadata {
+    unit: String,
+    shape: String,
+    base: [usize; 2],
+    observations: usize,
+    smoothness_weight: f64,
+    sensors: Vec<SensorReport>,
+    poses: Vec<PoseNotes>,
+    provenance: Vec<Session>,
+}
+
+/// What the metadata says of a pose; its numbers are in the tensor `poses`.
+#[derive(Serialize, Deserialize)]
+struct PoseNotes {
+    scan: String,
+    sigma_translation: Option<f64>,
+    sigma_rotation_deg: Option<f64>,
+}
+
+/// Writes a model; `provenance` names the sessions that made it, oldest first.
+///
+/// # Errors
+/// `Input` when a number of the model is not finite; `Io` when the file cannot be written; nothing is left half-written.
+pub fn save(model: &SurfaceModel, provenance: &[Session], path: &Path) -> Result<()> {
+    let file = to_file(model, provenance).map_err(|e| e.in_context(path.display()))?;
+    write_model(path, &file)
+}
+
+/// Reads a model.
+///
+/// # Errors
+/// `Io` when the file is missing or unreadable; `Input` when it is damaged or its parts do not fit together; `Unsupported` when a newer
+/// version wrote it.
+pub fn load(path: &Path) -> Result<SurfaceModel> {
+    load_with_provenance(path).map(|saved| saved.model)
+}
+
+/// [`load`], with the sessions that made the model.
+///
+/// # Errors
+/// As for [`load`].
+pub fn load_with_provenance(path: &Path) -> Result<SavedModel> {
+    let file = read_model(path)?;
+    from_file(file).map_err(|e| e.in_context(path.display()))
+}
+
+fn tensor(shape: &[usize], data: TensorData) -> Tensor {
+    Tensor {
+        shape: shape.to_vec(),
+        data,
+    }
+}
+
+fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
+    let space = model.surface.space();
+    let leaves = space.leaves();
+    if model.observed.len() != leaves.len() {
+        return Err(Error::input(format!(
+            "{} marks of what was observed, but {} leaves",
+            model.observed.len(),
+            leaves.len()
+        )));
+    }
+    let sigmas = model
+        .sensors
+        .iter()
+        .flat_map(|s| [s.sigma_stated.unwrap_or(0.0), s.sigma_estimated, s.rms]);
+    let pose_sigmas = model
+        .poses
+        .iter()
+        .flat_map(|p| [p.sigma_translation.unwrap_or(0.0), p.sigma_rotation_deg.unwrap_or(0.0)]);
+    if !sigmas
+        .chain(pose_sigmas)
+        .chain([model.smoothness_weight])
+        .all(f64::is_finite)
+    {
+        return Err(Error::input("a σ or weight of the model is not finite"));
+    }
+    let metadata = Metadata {
+        unit: model.unit.name().to_owned(),
+        shape: space.shape().name().to_owned(),
+        base: space.base(),
+        observations: model.observations,
+        smoothness_weight: model.smoothness_weight,
+        sensors: model.sensors.clone(),
+        poses: model
+            .poses
+            .iter()
+            .map(|pose| PoseNotes {
+                scan: pose.scan.clone(),
+                sigma_translation: pose.sigma_translation,
+                sigma_rotation_deg: pose.sigma_rotation_deg,
+            })
+            .collect(),
+        provenance: provenance.to_vec(),
+    };
+    let metadata =
+        serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
+    let knots = |d: usize| Tensor::f64_list((0..=space.base()[d]).map(|k| k as f64).collect());
+    let cells = leaves.iter().flat_map(|c| [u32::from(c.level), c.i, c.j]).collect();
+    let poses: Vec<f64> = model
+        .poses
+        .iter()
+        .flat_map(|p| p.translation.into_iter().chain(p.quaternion_xyzw))
+        .collect();
+    let mut tensors: BTreeMap<String, Tensor> = [
+        ("knots_u", knots(0)),
+        ("knots_v", knots(1)),
+        ("cells", tensor(&[leaves.len(), 3], TensorData::U32(cells))),
+        (
+            "observed",
+            tensor(
+                &[leaves.len()],
+                TensorData::U8(model.observed.iter().map(|&o| u8::from(o)).collect()),
+            ),
+        ),
+        (
+            "vertices",
+            tensor(
+                &[space.node_count(), 3],
+                TensorData::F64(model.surface.vertices().as_flattened().to_vec()),
+            ),
+        ),
+        ("poses", tensor(&[model.poses.len(), 7], TensorData::F64(poses))),
+    ]
+    .map(|(name, tensor)| (name.to_owned(), tensor))
+    .into();
+    add_information(&mut tensors, "information_data", &model.data, space.node_count())?;
+    add_information(&mut tensors, "information_prior", &model.prior, space.node_count())?;
+    for (name, tensor) in &tensors {
+        if tensor
+            .as_f64()
+            .is_some_and(|values| !values.iter().all(|v| v.is_finite()))
+        {
+            return Err(Error::input(format!(
+                "`{name}` of the model holds a number that is not finite"
+            )));
+        }
+    }
+    Ok(ModelFile { tensors, metadata })
+}
+
+fn add_information(
+    tensors: &mut BTreeMap<String, Tensor>,
+    name: &str,
+    information: &BlockInformation,
+    nodes: usize,
+) -> Result<()> {
+    let pattern = information.pattern();
+    if information.block_size() != 3 || information.columns() != 1 || pattern.nodes() != nodes {
+        return Err(Error::input(format!(
+            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over {}",
+            information.block_size(),
+            information.columns(),
+            pattern.nodes()
+        )));
+    }
+    let (offsets, indices) = flat_pattern(pattern);
+    let entries = indices.len();
+    for (part, made) in [
+        ("offsets", tensor(&[offsets.len()], TensorData::U32(offsets))),
+        ("indices", tensor(&[entries], TensorData::U32(indices))),
+        (
+            "values",
+            tensor(&[entries, 3, 3], TensorData::F64(information.values().to_vec())),
+        ),
+        (
+            "vector",
+            tensor(&[nodes, 3], TensorData::F64(information.vector().to_vec())),
+        ),
+    ] {
+        tensors.insert(format!("{name}_{part}"), made);
+    }
+    Ok(())
+}
+
+/// Column offsets and row indices of a pattern's lower triangle.
+fn flat_pattern(pattern: &BlockPattern) -> (Vec<u32>, Vec<u32>) {
+    let (mut offsets, mut indices) = (vec![0], Vec::with_capacity(pattern.entries()));
+    for node in 0..pattern.nodes() {
+        indices.extend_from_slice(pattern.column(node));
+        offsets.push(indices.len() as u32);
+    }
+    (offsets, indices)
+}
+
+/// Takes tensors out of a file, checking type and shape.
+struct Tensors(BTreeMap<String, Tensor>);
+
+impl Tensors {
+    /// The tensor of that name and number of axes, the trailing ones of the given lengths.
+    fn take(&mut self, name: &str, trailing: &[usize]) -> Result<(usize, TensorData)> {
+        let Tensor { shape, data } = self
+            .0
+            .remove(name)
+            .ok_or_else(|| Error::input(format!("needed the tensor `{name}`, found none")))?;
+        match shape.split_first() {
+            Some((&rows, rest)) if rest == trailing => Ok((rows, data)),
+            _ => {
+                let rest: String = trailing.iter().map(|n| format!(", {n}")).collect();
+                Err(Error::input(format!(
+                    "tensor `{name}`: needed the shape [n{rest}], found {shape:?}"
+                )))
+            }
+        }
+    }
+
+    fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
+        match self.take(name, trailing)?.1 {
+            TensorData::F64(values) => match values.iter().position(|v| !v.is_finite()) {
+                Some(at) => Err(Error::input(format!(
+                    "tensor `{name}`: number {at} is not finite: {}",
+                    values[at]
+                ))),
+                None => Ok(values),
+            },
+            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type F64"))),
+        }
+    }
+
+    fn u32(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<u32>> {
+        match self.take(name, trailing)?.1 {
+            TensorData::U32(values) => Ok(values),
+            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type U32"))),
+        }
+    }
+
+    fn u8(&mut self, name: &str) -> Result<Vec<u8>> {
+        match self.take(name, &[])?.1 {
+            TensorData::U8(values) => Ok(values),
+            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type U8"))),
+        }
+    }
+
+    fn information(&mut self, name: &str, pattern: &Arc<BlockPattern>) -> Result<BlockInformation> {
+        let part = |part: &str| format!("{name}_{part}");
+        let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
+        if found != flat_pattern(pattern) {
+            return Err(Error::input(format!(
+                "`{name}` couples other nodes than the cells do: the file was changed or is damaged"
+            )));
+        }
+        let mut information = BlockInformation::zeros(Arc::clone(pattern), 3, 1)?;
+        fill(
+            &part("values"),
+            information.values_mut(),
+            &self.f64(&part("values"), &[3, 3])?,
+        )?;
+        fill(
+            &part("vector"),
+            information.vector_mut(),
+            &self.f64(&part("vector"), &[3])?,
+        )?;
+        Ok(information)
+    }
+}
+
+fn fill(name: &str, to: &mut [f64], from: &[f64]) -> Result<()> {
+    if to.len() != from.len() {
+        return Err(Error::input(format!(
+            "tensor `{name}`: needed {} numbers, found {}",
+            to.len(),
+            from.len()
+        )));
+    }
+    to.copy_from_slice(from);
+    Ok(())
+}
+
+fn from_file(file: ModelFile) -> Result<SavedModel> {
+    let metadata: Metadata = serde_json::from_value(file.metadata)
+        .map_err(|e| Error::input("the metadata lacks something or has another form").with_source(e))?;
+    let unit: Unit = metadata.unit.parse()?;
+    let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
+        Error::input(format!(
+            "shape: needed sheet, tube, ball or torus, found `{}`",
+            metadata.shape
+        ))
+    })?;
+    if !(metadata.smoothness_weight.is_finite() && metadata.smoothness_weight >= 0.0) {
+        return Err(Error::input(format!(
+            "needed smoothness_weight ≥ 0, found {}",
+            metadata.smoothness_weight
+        )));
+    }
+    let mut tensors = Tensors(file.tensors);
+    for (name, cells) in [("knots_u", metadata.base[0]), ("knots_v", metadata.base[1])] {
+        let knots = tensors.f64(name, &[])?;
+        if knots.len() != cells.saturating_add(1) || knots.iter().enumerate().any(|(k, &knot)| knot != k as f64) {
+            return Err(Error::input(format!(
+                "tensor `{name}`: needed the knots 0, 1, …, {cells}"
+            )));
+        }
+    }
+    let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
+    let marks = tensors.u8("observed")?;
+    if marks.len() != order.len() || marks.iter().any(|&m| m > 1) {
+        return Err(Error::input(format!(
+            "tensor `observed`: needed 0 or 1 for each of {} cells",
+            order.len()
+        )));
+    }
+    let mut observed = vec![false; order.len()];
+    for (&leaf, &mark) in order.iter().zip(&marks) {
+        observed[leaf] = mark == 1;
+    }
+    let vertices = tensors.f64("vertices", &[3])?;
+    let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
+    let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
+    let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);
+    let numbers = tensors.f64("poses", &[7])?;
+    if numbers.len() != 7 * metadata.poses.len() {
+        return Err(Error::input(format!(
+            "tensor `poses`: needed the {} poses that the metadata names, found {}",
+            metadata.poses.len(),
+            numbers.len() / 7
+        )));
+    }
+    let poses = metadata
+        .poses
+        .into_iter()
+        .zip(numbers.as_chunks::<7>().0)
+        .map(|(notes, &[x, y, z, a, b, c, w])| PoseReport {
+            scan: notes.scan,
+            translation: [x, y, z],
+            quaternion_xyzw: [a, b, c, w],
+            sigma_translation: notes.sigma_translation,
+            sigma_rotation_deg: notes.sigma_rotation_deg,
+        });
+    let model = SurfaceModel {
+        unit,
+        data: tensors.information("information_data", &pattern)?,
+        prior: tensors.information("information_prior", &pattern)?,
+        surface,
+        observed,
+        sensors: metadata.sensors,
+        poses: poses.collect(),
+        smoothness_weight: metadata.smoothness_weight,
+        observations: metadata.observations,
+    };
+    Ok(SavedModel {
+        model,
+        provenance: metadata.provenance,
+    })
+}
+
+/// The hierarchy of the cells, and for each cell in the file's order its leaf.
+fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hierarchy>, Vec<usize>)> {
+    let mut cells = Vec::with_capacity(numbers.len() / 3);
+    for &[level, i, j] in numbers.as_chunks::<3>().0 {
+        let level = u8::try_from(level)
+            .ok()
+            .filter(|&l| usize::from(l) <= MAX_LEVEL)
+            .ok_or_else(|| {
+                Error::input(format!(
+                    "tensor `cells`: needed levels up to {MAX_LEVEL}, found {level}"
+                ))
+            })?;
+        cells.push(Cell { level, i, j });
+    }
+    // Every cell of the base grid is a leaf or split into some: more of them than leaves is damage, and would cost memory.
+    let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
+    let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
+    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MOST_CELLS_OF_A_LEVEL {
+        return Err(Error::input(format!(
+            "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
+            base[0],
+            base[1],
+            cells.len()
+        )));
+    }
+    let space = Hierarchy::from_leaves(shape, base, &cells)?;
+    let order = cells
+        .iter()
+        .map(|&cell| {
+            space
+                .leaf_over(cell)
+                .ok_or_else(|| Error::input(format!("{cell:?} is no leaf of the hierarchy")))
+        })
+        .collect::<Result<_>>()?;
+    Ok((Arc::new(space), order))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{assert_same_model, small_model};
+    use planish_estimate::ErrorKind;
+    use serde_json::json;
+
+    fn session() -> Session {
+        Session {
+            version: "0.1.0".to_owned(),
+            arguments: ["fit", "a.ply", "--seed", "3"].map(str::to_owned).to_vec(),
+            seed: 3,
+            inputs: vec![SessionInput {
+                name: "a.ply".to_owned(),
+                points: 1234,
+            }],
+        }
+    }
+
+    #[test]
+    fn save_load_save_gives_the_same_model_and_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
+            let model = small_model(shape);
+            let (first, second) = (
+                folder.path().join("first.planish"),
+                folder.path().join("second.planish"),
+            );
+            save(&model, &[session()], &first).unwrap();
+            let loaded = load_with_provenance(&first).unwrap();
+            assert_eq!(loaded.provenance, [session()]);
+            assert_same_model(&loaded.model, &model);
+            save(&loaded.model, &loaded.provenance, &second).unwrap();
+            assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
+        }
+    }
+
+    #[test]
+    fn a_loaded_model_has_the_same_covariance() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.planish");
+        let model = small_model(Shape::Ball);
+        save(&model, &[], &path).unwrap();
+        let loaded = load(&path).unwrap();
+        let c = planish_spline::leaf_weights(0.3, 0.6);
+        let variance = |model: &SurfaceModel| {
+            model
+                .posterior()
+                .unwrap()
+                .leaf(5)
+                .unwrap()
+                .variance_along(&c, [0.0, 0.6, 0.8])
+        };
+        assert_eq!(variance(&model).to_bits(), variance(&loaded).to_bits());
+    }
+
+    /// What loading says of a file after a change.
+    fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
+        let mut file = to_file(&small_model(Shape::Ball), &[session()]).unwrap();
+        change(&mut file);
+        let e = from_file(file).err().expect("the change is damage");
+        assert_eq!(e.kind(), ErrorKind::Input, "{e}");
+        e.to_string()
+    }
+
+    #[test]
+    fn every_kind_of_damage_is_named() {
+        fn f64s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<f64> {
+            match &mut file.tensors.get_mut(name).unwrap().data {
+                TensorData::F64(values) => values,
+                _ => panic!("{name} holds no f64"),
+            }
+        }
+        fn u32s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<u32> {
+            match &mut file.tensors.get_mut(name).unwrap().data {
+                TensorData::U32(values) => values,
+                _ => panic!("{name} holds no u32"),
+            }
+        }
+        for name in to_file(&small_model(Shape::Ball), &[]).unwrap().tensors.into_keys() {
+            assert!(
+                complaint(|file| drop(file.tensors.remove(&name))).contains(&name),
+                "{name}"
+            );
+        }
+        for (name, words) in [("unit", "needed `mm`"), ("shape", "needed sheet")] {
+            assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
+        }
+        assert!(complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u"));
+        assert!(complaint(|file| file.metadata["poses"] = json!([])).contains("poses"));
+        assert!(complaint(|file| drop(file.metadata.as_object_mut().unwrap().remove("sensors"))).contains("sensors"));
+        assert!(complaint(|file| file.metadata["smoothness_weight"] = json!(-1.0)).contains("smoothness_weight"));
+        assert!(complaint(|file| f64s(file, "knots_u")[1] = 0.5).contains("knots_u"));
+        assert!(complaint(|file| f64s(file, "vertices")[7] = f64::NAN).contains("vertices"));
+        assert!(complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY).contains("prior_values"));
+        assert!(complaint(|file| u32s(file, "information_data_indices")[3] += 1).contains("other nodes"));
+        assert!(complaint(|file| u32s(file, "cells")[0] = 13).contains("levels up to"));
+        assert!(complaint(|file| u32s(file, "cells")[1] = 1000).contains("outside"));
+        assert!(complaint(|file| u32s(file, "cells").copy_within(3..6, 0)).contains("tile"));
+        assert!(
+            complaint(|file| {
+                file.tensors
+                    .insert("observed".to_owned(), tensor(&[2], TensorData::U8(vec![1, 1])));
+            })
+            .contains("observed")
+        );
+        assert!(
+            complaint(|file| {
+                let tensor = file.tensors.get_mut("vertices").unwrap();
+                tensor.shape = vec![tensor.shape[0] * 3];
+            })
+            .contains("needed the shape [n, 3]")
+        );
+    }
+
+    #[test]
+    fn cells_in_another_order_keep_their_marks() {
+        let model = small_model(Shape::Sheet);
+        let mut file = to_file(&model, &[]).unwrap();
+        let count = model.observed.len();
+        let reversed = |data: &TensorData, width: usize| match data {
+            TensorData::U32(v) => TensorData::U32(v.chunks(width).rev().flatten().copied().collect()),
+            TensorData::U8(v) => TensorData::U8(v.iter().rev().copied().collect()),
+            other => other.clone(),
+        };
+        for (name, width) in [("cells", 3), ("observed", 1)] {
+            let tensor = file.tensors.get_mut(name).unwrap();
+            tensor.data = reversed(&tensor.data, width);
+        }
+        let loaded = from_file(file).unwrap().model;
+        assert_eq!((loaded.observed.len(), &loaded.observed), (count, &model.observed));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_not_saved() {
+        let mut model = small_model(Shape::Sheet);
+        model.data.values_mut()[0] = f64::NAN;
+        assert!(
+            to_file(&model, &[])
+                .unwrap_err()
+                .to_string()
+                .contains("information_data_values")
+        );
+    }
+}
