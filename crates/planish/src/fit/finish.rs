@@ -3,7 +3,7 @@
 //! Comes in: a [`Settled`] surface. Goes out: the posterior of all three coordinates of every vertex, linearised at itself, and
 //! the figures by which a user judges it.
 
-use super::engine::{Foot, FootState, accumulate, normal_step, project};
+use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
 use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
@@ -65,13 +65,16 @@ pub(super) fn finish(
     };
     progress.check("covariance", 0.95)?;
     let posterior = model.posterior()?;
-    let degrees = posterior.degrees_of_data()?;
     let surface = &model.surface;
-    let count = feet.iter().filter(|foot| foot.state == FootState::Good).count();
-    let leverage = (degrees / (count + model.observations).max(1) as f64).min(0.9);
+    let degrees = degrees_of_sensors(
+        &posterior,
+        &FootSensors::new(observations, &subset),
+        &feet,
+        &information,
+    )?;
     noise = SensorNoise {
         used: noise.used,
-        ..SensorNoise::estimate(observations, &subset, &feet, options.gate, leverage, true)?
+        ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
 
     let information = weights(observations, &subset, &feet, &noise, options.gate, false);
@@ -138,7 +141,7 @@ pub(super) fn finish(
         cells: surface.space().leaves().len(),
         rms: (square / n).sqrt(),
         rms_normalised: (chi2 / n).sqrt(),
-        reduced_chi_square: chi2 / (n * kept * (1.0 - leverage)).max(1.0),
+        reduced_chi_square: chi2 / (n * kept - degrees.iter().sum::<f64>()).max(1.0),
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
@@ -178,6 +181,7 @@ pub(super) fn place(
     let mut at = vec![[0.0; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
     let mut feet = Vec::new();
+    let mut degrees = vec![0.0; observations.stated.len()];
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
         let search = if iteration == 0 {
@@ -186,21 +190,22 @@ pub(super) fn place(
             None
         };
         feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
-        noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, 0.0, true)?;
+        noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
         if iteration == 3 {
             break;
         }
         let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-        surface = normal_step(
+        let step = normal_step(
             &system,
             &surface,
             &feet,
             &information,
+            &FootSensors::new(observations, &subset),
             &model.prior,
             1.0,
             Some(&model.data),
-        )?
-        .surface;
+        )?;
+        (surface, degrees) = (step.surface, step.degrees);
     }
     Ok(Settled {
         surface,
@@ -214,6 +219,42 @@ pub(super) fn place(
         reached_tolerance: false,
         system,
     })
+}
+
+/// `Σ_i w_i nᵢᵀ Σ nᵢ` over the readings of each sensor: how many degrees of freedom they determine.
+fn degrees_of_sensors(
+    posterior: &Posterior<'_>,
+    sensors: &FootSensors<'_>,
+    feet: &[Foot],
+    information: &[f64],
+) -> Result<Vec<f64>> {
+    let leaves = posterior.surface().space().leaves().len();
+    let (start, order) = by_leaf(feet, leaves);
+    let parts: Vec<Vec<f64>> = (0..leaves.div_ceil(64))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut part = vec![0.0; sensors.count];
+            for leaf in chunk * 64..leaves.min((chunk + 1) * 64) {
+                let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
+                if own.is_empty() {
+                    continue;
+                }
+                let cell = posterior.leaf(leaf)?;
+                for k in own.iter().map(|&k| k as usize).filter(|&k| information[k] > 0.0) {
+                    let c = leaf_weights(feet[k].local[0], feet[k].local[1]);
+                    part[sensors.of(k)] += information[k] * cell.variance_along(&c, feet[k].normal);
+                }
+            }
+            Ok(part)
+        })
+        .collect::<Result<_>>()?;
+    let mut degrees = vec![0.0; sensors.count];
+    for part in parts {
+        for (d, p) in degrees.iter_mut().zip(part) {
+            *d += p;
+        }
+    }
+    Ok(degrees)
 }
 
 /// Held-out readings: residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.

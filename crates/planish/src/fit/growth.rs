@@ -20,8 +20,8 @@ use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale};
 use planish_spline::{BaseShape, Jet, Surface, SurfaceSystem};
 use std::sync::Arc;
 
-/// Uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
-const LEVELS: usize = 3;
+/// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
+pub(super) const MOST_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
@@ -40,13 +40,14 @@ const MOST_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
 const STRETCH_EVERY: usize = 2;
 
-/// Grows the base into the indicator's solid; `points` fix the level.
+/// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level of the indicator.
 ///
 /// # Errors
 /// `Undetermined` when the surface degenerates, `Interrupted` when the caller says so.
 pub(super) fn grow(
     base: &BaseShape,
     grid: [usize; 2],
+    levels: usize,
     points: &[[f64; 3]],
     indicator: &Indicator,
     check: &dyn Fn(f64) -> Result<()>,
@@ -63,7 +64,7 @@ pub(super) fn grow(
     let mut level = 0;
     let mut stage_of_level = Stage::new(&surface, &reference, base, grid, level)?;
     for (stage, &sigma) in blurs.iter().enumerate() {
-        let wanted = (((stage + 1) * LEVELS) / (blurs.len() - 3).max(1)).min(LEVELS);
+        let wanted = (((stage + 1) * levels) / (blurs.len() - 3).max(1)).min(levels);
         while level < wanted {
             let finer = Arc::new(surface.space().refine_all());
             surface = surface.refined(Arc::clone(&finer))?;
@@ -281,7 +282,7 @@ mod tests {
         normals.retain(|_| *k.next().unwrap());
         let base = planish_spline::choose_base_shape(&points, &normals, Some(planish_spline::Shape::Ball)).unwrap();
         let indicator = Indicator::new(&points, &normals);
-        let surface = grow(&base, base.grid(128), &points, &indicator, &|_| Ok(())).unwrap();
+        let surface = grow(&base, base.grid(128), MOST_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
         let search = planish_spline::FootPointSearch::new(&surface, 2, 0.3).unwrap();
         let far = points
             .iter()

@@ -40,14 +40,14 @@ impl SensorNoise {
 
     /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
     ///
-    /// `leverage_share` is the effective degrees of freedom over the number of readings: residuals are smaller than errors by that.
+    /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is smaller than their number by that.
     /// While `settled` is false the surface still misses shape, and every sensor's scale is taken from its residuals.
     pub(super) fn estimate(
         observations: &Observations,
         subset: &[u32],
         feet: &[Foot],
         gate: f64,
-        leverage_share: f64,
+        degrees: &[f64],
         settled: bool,
     ) -> Result<Self> {
         let mut noise = Self::stated(observations);
@@ -74,7 +74,7 @@ impl SensorNoise {
             }
             let scale = gated_scale(&normalised, gate)?;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
-            let redundancy = (1.0 - leverage_share).max(0.05);
+            let redundancy = (1.0 - degrees[sensor] / normalised.len() as f64).max(0.1);
             noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy).max(1e-24);
             let ratio = noise.estimated[sensor].sqrt();
             let standard_error = (0.5 / (normalised.len() as f64 * redundancy)).sqrt() * ratio;
