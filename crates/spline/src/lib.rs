@@ -25,5 +25,5 @@ pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
-pub use system::SurfaceSystem;
+pub use system::{SurfaceSystem, four_points};
 pub use tessellation::{Tessellation, TessellationOptions, least_triangles, tessellate};

@@ -315,16 +315,17 @@ impl SurfaceSystem {
         weights: &[[f64; 4]],
         field: impl Fn(usize, usize, [f64; 2]) -> [f64; 3] + Sync,
     ) -> Vec<f64> {
+        let points = four_points().map(|q| (q.local, leaf_weights(q.local[0], q.local[1])));
         let parts: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
             .into_par_iter()
             .with_min_len(32)
             .map(|leaf| {
                 let mut cell = [[0.0; 3]; 16];
-                for (n, q) in four_points().iter().enumerate() {
-                    let value = field(leaf, n, q.local);
-                    for (c, b) in cell.iter_mut().zip(leaf_weights(q.local[0], q.local[1])) {
+                for (n, (local, basis)) in points.iter().enumerate() {
+                    let value = field(leaf, n, *local).map(|x| weights[leaf][n] * x);
+                    for (c, b) in cell.iter_mut().zip(basis) {
                         for d in 0..3 {
-                            c[d] += weights[leaf][n] * b * value[d];
+                            c[d] += b * value[d];
                         }
                     }
                 }
@@ -335,9 +336,11 @@ impl SurfaceSystem {
         for (leaf, cell) in parts.iter().enumerate() {
             let (nodes, weights) = self.space.extraction(leaf);
             for (&node, w) in nodes.iter().zip(weights) {
-                for k in 0..16 {
+                let to = &mut out[3 * node as usize..3 * node as usize + 3];
+                // Most leaves take most of their coefficients from one node each.
+                for (w, c) in w.iter().zip(cell).filter(|(w, _)| **w != 0.0) {
                     for d in 0..3 {
-                        out[3 * node as usize + d] += w[k] * cell[k][d];
+                        to[d] += w * c[d];
                     }
                 }
             }
@@ -372,7 +375,8 @@ impl SurfaceSystem {
 }
 
 /// The 2 × 2 Gauss points of a leaf: enough for fields that are smoothed anyway.
-fn four_points() -> [QuadraturePoint; 4] {
+#[must_use]
+pub fn four_points() -> [QuadraturePoint; 4] {
     let near = 0.5 - 0.5 / 3.0_f64.sqrt();
     [
         [near, near],

@@ -16,8 +16,8 @@
 
 use super::indicator::{BlurredIndicator, Indicator};
 use planish_estimate::Result;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale};
-use planish_spline::{BaseShape, Jet, Surface, SurfaceSystem};
+use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
+use planish_spline::{BaseShape, Surface, SurfaceSystem, cubic, four_points};
 use std::sync::Arc;
 
 /// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
@@ -119,7 +119,22 @@ struct Stage {
     weights: Vec<[f64; 4]>,
     /// Area elements of the base at the Gauss points.
     base_area: Vec<[f64; 4]>,
+    /// Weights of a leaf's coefficients at the Gauss points: value and the derivatives along u and v.
+    basis: [[[f64; 16]; 3]; 4],
     cell: f64,
+}
+
+/// Point and tangents of a leaf where the weights are known.
+fn frame(basis: &[[f64; 16]; 3], coefficients: &[[f64; 3]; 16]) -> [[f64; 3]; 3] {
+    basis.map(|weights| {
+        let mut sum = [0.0; 3];
+        for (w, c) in weights.iter().zip(coefficients) {
+            for d in 0..3 {
+                sum[d] += w * c[d];
+            }
+        }
+        sum
+    })
 }
 
 impl Stage {
@@ -132,21 +147,28 @@ impl Stage {
         let weights = system.field_weights(reference);
         let side2 = 0.25 * surface.space().leaves()[0].side().powi(2);
         let base_area = weights.iter().map(|w| w.map(|x| (x / side2).max(1e-300))).collect();
+        let side = surface.space().leaves()[0].side();
+        let basis = four_points().map(|q| {
+            let (bu, bv) = (cubic(q.local[0]), cubic(q.local[1]));
+            [(0, 0, 1.0), (1, 0, 1.0 / side), (0, 1, 1.0 / side)]
+                .map(|(u, v, scale)| std::array::from_fn(|k| scale * bv[v][k / 4] * bu[u][k % 4]))
+        });
         Ok(Self {
             system,
             factor,
             weights,
             base_area,
+            basis,
             cell,
         })
     }
 
     /// The logarithm of how much each place is stretched against the base, as a smooth function (in the first coordinate).
     fn stretch(&self, surface: &Surface) -> Result<Surface> {
-        let mut field = self.system.project_field(&self.weights, |leaf, n, at| {
-            let jet = surface.leaf_jet(leaf, at[0], at[1]);
+        let mut field = self.system.project_field(&self.weights, |leaf, n, _| {
+            let [_, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
             [
-                (norm(cross(jet.du, jet.dv)) / self.base_area[leaf][n]).max(1e-6).ln(),
+                (norm(cross(du, dv)) / self.base_area[leaf][n]).max(1e-6).ln(),
                 0.0,
                 0.0,
             ]
@@ -159,10 +181,10 @@ impl Stage {
     fn step(&self, surface: &Surface, stretch: &Surface, target: &Target) -> Result<Vec<f64>> {
         let cell = self.cell;
         let longest = LONGEST_STEP_CELLS * cell;
-        let mut step = self.system.project_field(&self.weights, |leaf, _, at| {
-            let jet = surface.leaf_jet(leaf, at[0], at[1]);
-            let Some(normal) = jet.normal() else { return [0.0; 3] };
-            let (value, gradient) = target.field.sample(jet.point);
+        let mut step = self.system.project_field(&self.weights, |leaf, n, at| {
+            let [point, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
+            let Some(normal) = unit(cross(du, dv)) else { return [0.0; 3] };
+            let (value, gradient) = target.field.sample(point);
             let slope = norm(gradient);
             let (mut d, mut facing) = ([0.0; 3], 0.0);
             if slope > 0.0 {
@@ -177,37 +199,31 @@ impl Stage {
             }
             let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
             if outside > 0.0
-                && let Some(curvature) = jet.curvature()
+                && let Some(curvature) = surface.leaf_jet(leaf, at[0], at[1]).curvature()
             {
                 let draw = (DRAW * cell * cell * curvature.mean()).clamp(-longest, longest);
                 d = add_scaled(d, outside * draw, normal);
             }
-            add(
-                d,
-                drift(
-                    &jet,
-                    &stretch.leaf_jet(leaf, at[0], at[1]),
-                    DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0),
-                    longest,
-                ),
-            )
+            let [_, fu, fv] = frame(&self.basis[n], stretch.leaf_coefficients(leaf));
+            let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
+            add(d, drift(du, dv, [fu[0], fv[0]], strength, longest))
         });
         self.factor.solve_in_place(&mut step)?;
         Ok(step)
     }
 }
 
-/// `strength · ∇_S f` for the first coordinate f of another jet over the same parameters, no longer than `longest`.
-fn drift(jet: &Jet, f: &Jet, strength: f64, longest: f64) -> [f64; 3] {
-    let [e, m, g] = jet.first_form();
+/// `strength · ∇_S f` of a field with the derivatives `f` along the tangents `du` and `dv`, no longer than `longest`.
+fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -> [f64; 3] {
+    let [e, m, g] = [dot(du, du), dot(du, dv), dot(dv, dv)];
     let area2 = e * g - m * m;
     if area2 <= 1e-12 * (e + g) * (e + g) {
         return [0.0; 3];
     }
-    let (fu, fv) = (f.du[0], f.dv[0]);
+    let [fu, fv] = f;
     let gradient = add(
-        scale((g * fu - m * fv) / area2, jet.du),
-        scale((e * fv - m * fu) / area2, jet.dv),
+        scale((g * fu - m * fv) / area2, du),
+        scale((e * fv - m * fu) / area2, dv),
     );
     let length = strength * norm(gradient);
     scale(
