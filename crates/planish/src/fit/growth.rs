@@ -38,7 +38,7 @@ const DRAW: f64 = 4.0;
 const FEW_STEPS: usize = 8;
 const MOST_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
-const STRETCH_EVERY: usize = 2;
+const STRETCH_EVERY: usize = 4;
 
 /// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level of the indicator.
 ///
