@@ -1,2 +1,29 @@
-//! The `planish` command.
-fn main() {}
+//! The `planish` command: parse, call the façade, print.
+//!
+//! Comes in: a command line. Goes out: files, a summary on stdout, warnings and errors on stderr, and an exit code: 0 done, 1 ran but
+//! the data do not determine the answer, 2 wrong use or input, 3 file trouble, 130 interrupted, 101 a bug of ours.
+
+mod args;
+mod compare;
+mod failure;
+mod fit;
+mod info;
+mod numbers;
+mod progress;
+mod report;
+mod simulate;
+
+use args::{Cli, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    failure::announce_bugs();
+    let outcome = match Cli::parse().command {
+        Command::Fit(args) => fit::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+    };
+    ExitCode::from(outcome)
+}

@@ -8,6 +8,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, Result};
+use tempfile::NamedTempFile;
 
 /// What files are written through.
 pub type Writer<'a> = BufWriter<&'a File>;
@@ -30,7 +31,58 @@ pub type Writer<'a> = BufWriter<&'a File>;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<()> {
-    let failed = |e: io::Error| Error::io(format!("{}: could not be written", path.display())).with_source(e);
+    let failed = |e: io::Error| could_not_write(path, e);
+    let Target::File { target, folder } = target_of(path)? else {
+        // Renaming over a device would replace it: write through it.
+        let device = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        let mut writer = BufWriter::new(&device);
+        return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
+    };
+    let temporary = temporary_in(&folder).map_err(failed)?;
+    let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
+    write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
+    drop(writer);
+    temporary.as_file().sync_all().map_err(failed)?;
+    temporary.persist(&target).map_err(|e| failed(e.error))?;
+    Ok(())
+}
+
+/// Finds out whether [`write_atomically`] could write a file, before the work that fills it: an empty temporary file is made
+/// beside it and removed.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing or may not be written to, or the path names a folder or
+/// a file that is protected.
+pub fn check_writable(path: &Path) -> Result<()> {
+    let failed = |e: io::Error| could_not_write(path, e);
+    match target_of(path)? {
+        Target::File { folder, .. } => temporary_in(&folder).map(drop).map_err(failed),
+        Target::Device => OpenOptions::new().write(true).open(path).map(drop).map_err(failed),
+    }
+}
+
+/// The path that a file has, or will have, once links and `..` are followed: the same for two names of one file.
+#[must_use]
+pub fn real_path(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_path_buf(),
+    })
+}
+
+/// Where the bytes of a file go.
+enum Target {
+    /// To a file of this name in this folder, links followed.
+    File { target: PathBuf, folder: PathBuf },
+    /// Straight through the path: a device or a pipe.
+    Device,
+}
+
+fn could_not_write(path: &Path, e: io::Error) -> Error {
+    Error::io(format!("{}: could not be written", path.display())).with_source(e)
+}
+
+fn target_of(path: &Path) -> Result<Target> {
     if path.is_dir() {
         return Err(Error::io(format!(
             "{}: is a folder, needed a file name",
@@ -40,11 +92,15 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     if path.file_name().is_none() {
         return Err(Error::io(format!("{}: is no file name", path.display())));
     }
-    if fs::metadata(path).is_ok_and(|m| !m.is_file()) {
-        // Renaming over a device would replace it: write through it.
-        let device = OpenOptions::new().write(true).open(path).map_err(failed)?;
-        let mut writer = BufWriter::new(&device);
-        return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
+    match fs::metadata(path) {
+        Ok(known) if !known.is_file() => return Ok(Target::Device),
+        Ok(known) if known.permissions().readonly() => {
+            return Err(Error::io(format!(
+                "{}: is write-protected; choose another name or lift the protection",
+                path.display()
+            )));
+        }
+        _ => {}
     }
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let folder = folder_of(&target);
@@ -55,6 +111,10 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
             folder.display()
         )));
     }
+    Ok(Target::File { target, folder })
+}
+
+fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".planish-").suffix(".part");
     #[cfg(unix)]
@@ -63,13 +123,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let temporary = builder.tempfile_in(&folder).map_err(failed)?;
-    let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
-    write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
-    drop(writer);
-    temporary.as_file().sync_all().map_err(failed)?;
-    temporary.persist(&target).map_err(|e| failed(e.error))?;
-    Ok(())
+    builder.tempfile_in(folder)
 }
 
 /// Makes a folder, and the folders above it, where they are missing.
@@ -155,6 +209,41 @@ mod tests {
             e.kind() == ErrorKind::Io && e.to_string().contains("c: could not be made"),
             "{e}"
         );
+    }
+
+    #[test]
+    fn asking_beforehand_finds_what_writing_would_and_leaves_no_trace() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        check_writable(&path).unwrap();
+        assert!(names(folder.path()).is_empty());
+        for (path, words) in [
+            (folder.path().to_path_buf(), "is a folder"),
+            (folder.path().join("no/a.ply"), "no does not exist"),
+        ] {
+            let e = check_writable(&path).unwrap_err();
+            assert!(e.kind() == ErrorKind::Io && e.to_string().contains(words), "{e}");
+        }
+        fs::write(&path, "kept").unwrap();
+        let mut permissions = fs::metadata(&path).unwrap().permissions();
+        permissions.set_readonly(true);
+        fs::set_permissions(&path, permissions).unwrap();
+        for e in [check_writable(&path), write_atomically(&path, |_| Ok(()))] {
+            assert!(e.unwrap_err().to_string().contains("write-protected"));
+        }
+        assert_eq!(fs::read(&path).unwrap(), b"kept");
+    }
+
+    #[test]
+    fn two_names_of_one_file_have_one_real_path() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("b")).unwrap();
+        for name in ["new.ply", "old.ply"] {
+            let (plain, round) = (folder.path().join(name), folder.path().join("b/..").join(name));
+            assert_eq!(real_path(&plain), real_path(&round), "{name}");
+            fs::write(folder.path().join("old.ply"), "").unwrap();
+        }
+        assert_ne!(real_path(&folder.path().join("x")), real_path(&folder.path().join("y")));
     }
 
     #[cfg(unix)]

@@ -25,6 +25,6 @@ mod scans;
 mod source;
 mod unit;
 
-pub use atomic::{Writer, make_folder, write_atomically};
+pub use atomic::{Writer, check_writable, make_folder, real_path, write_atomically};
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use unit::Unit;

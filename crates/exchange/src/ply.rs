@@ -20,6 +20,6 @@ mod write;
 mod write_scan;
 
 pub(crate) use read::read_scan_and_unit;
-pub use read::{PolygonMesh, read_mesh, read_scan};
+pub use read::{PlyContents, PolygonMesh, read_contents, read_mesh, read_scan};
 pub use write::{Column, MeshColumns, write_mesh, write_points};
 pub use write_scan::write_scan;

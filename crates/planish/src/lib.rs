@@ -5,9 +5,11 @@
 pub mod brep;
 pub mod compare;
 pub mod fit;
+pub mod fit_files;
+pub mod info;
 pub mod mesh_output;
 pub mod model;
-mod output;
+pub mod output;
 mod point_sigmas;
 pub mod progress;
 pub mod saved;
@@ -16,3 +18,5 @@ pub mod simulate;
 mod test_support;
 
 pub use planish_estimate::{Error, ErrorKind, Result};
+pub use planish_exchange::Unit;
+pub use planish_spline::Shape;

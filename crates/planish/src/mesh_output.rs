@@ -7,13 +7,14 @@
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the mesh does not cross itself
 //! where the surface folds.
 
+use crate::fit::SigmaSummary;
 use crate::model::{Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::ply::{Column, MeshColumns, write_mesh};
 use planish_mesh::TriangleMesh;
-use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
+use planish_spline::{Surface, TessellationOptions, least_triangles, quadrature, tessellate};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -125,6 +126,14 @@ fn default_tolerance(model: &SurfaceModel, posterior: &Posterior<'_>, warnings: 
 /// # Errors
 /// `Undetermined` when the surface has no area.
 pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f64> {
+    sigma_summary(model, posterior).map(|sigma| sigma.median)
+}
+
+/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none was measured).
+///
+/// # Errors
+/// `Undetermined` when the surface has no area.
+pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<SigmaSummary> {
     let any = model.observed.contains(&true);
     let surface = &model.surface;
     let mut by_area: Vec<(f64, f64)> = (0..model.observed.len())
@@ -132,25 +141,42 @@ pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f
         .with_min_len(64)
         .filter(|&leaf| model.observed[leaf] || !any)
         .map(|leaf| {
-            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
-            let side = surface.space().leaves()[leaf].side();
-            let [e, f, g] = jet.first_form();
-            let area = side * side * (e * g - f * f).max(0.0).sqrt();
-            let normal = jet.normal().unwrap_or([0.0; 3]);
-            Ok((Posterior::sigma_along(&posterior.leaf(leaf)?, [0.5, 0.5], normal), area))
+            let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
+            let sigma = Posterior::sigma_along(&posterior.leaf(leaf)?, [0.5, 0.5], normal);
+            Ok((sigma, leaf_area(surface, leaf)))
         })
         .collect::<Result<_>>()?;
     by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
     by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(&(max, _)) = by_area.last() else {
+        return Err(Error::undetermined("the surface has no area whose σ could be told"));
+    };
     let total: f64 = by_area.iter().map(|(_, area)| area).sum();
-    let mut sum = 0.0;
-    for (sigma, area) in &by_area {
-        sum += area;
-        if sum >= 0.5 * total {
-            return Ok(*sigma);
-        }
-    }
-    Err(Error::undetermined("the surface has no area whose σ could be told"))
+    let quantile = |share: f64| {
+        let mut sum = 0.0;
+        let found = by_area.iter().find(|(_, area)| {
+            sum += area;
+            sum >= share * total
+        });
+        found.map_or(max, |(sigma, _)| *sigma)
+    };
+    Ok(SigmaSummary {
+        median: quantile(0.5),
+        p95: quantile(0.95),
+        max,
+    })
+}
+
+/// The area of a leaf.
+pub(crate) fn leaf_area(surface: &Surface, leaf: usize) -> f64 {
+    let side = surface.space().leaves()[leaf].side();
+    let rule = quadrature();
+    rule.iter()
+        .map(|q| {
+            let [e, f, g] = surface.leaf_jet(leaf, q.local[0], q.local[1]).first_form();
+            q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
+        })
+        .sum()
 }
 
 /// Writes a model's mesh as PLY.

@@ -33,3 +33,28 @@ pub struct Silent;
 impl Progress for Silent {
     fn advance(&self, _: &str, _: f64) {}
 }
+
+/// A part of a longer job: its shares run from one share of the whole to another.
+pub struct Part<'a> {
+    whole: &'a dyn Progress,
+    from: f64,
+    to: f64,
+}
+
+impl<'a> Part<'a> {
+    /// The part of a job between two of its shares.
+    #[must_use]
+    pub fn new(whole: &'a dyn Progress, from: f64, to: f64) -> Self {
+        Self { whole, from, to }
+    }
+}
+
+impl Progress for Part<'_> {
+    fn advance(&self, stage: &str, share: f64) {
+        self.whole.advance(stage, self.from + (self.to - self.from) * share);
+    }
+
+    fn interrupted(&self) -> bool {
+        self.whole.interrupted()
+    }
+}

@@ -7,7 +7,7 @@ use planish_estimate::{Error, Result};
 use planish_sense::{RangeGrid, Scan, Viewing};
 
 use super::body::{Place, Row, check_count, read_rows, skip_rows};
-use super::header::{Element, Header, read_header};
+use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::{Source, open};
@@ -68,6 +68,56 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     open(path)
         .and_then(|mut source| mesh_from(&mut source))
         .map_err(|e| e.in_context(path.display()))
+}
+
+/// What the header of a PLY file promises.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PlyContents {
+    /// `ascii`, `binary_little_endian` or `binary_big_endian`.
+    pub encoding: &'static str,
+    /// Kinds of records: their name, their number, and the names of their properties.
+    pub elements: Vec<(String, u64, Vec<String>)>,
+    /// The unit of length, where a line `comment unit mm` names it.
+    pub unit: Option<Unit>,
+}
+
+impl PlyContents {
+    /// How many records of a kind are promised.
+    #[must_use]
+    pub fn count(&self, element: &str) -> u64 {
+        let found = self.elements.iter().find(|(name, ..)| name == element);
+        found.map_or(0, |(_, count, _)| *count)
+    }
+
+    /// Names of the properties of a kind of record.
+    #[must_use]
+    pub fn properties(&self, element: &str) -> &[String] {
+        let found = self.elements.iter().find(|(name, ..)| name == element);
+        found.map_or(&[], |(.., properties)| properties)
+    }
+}
+
+/// Reads the header only: whether a file holds a scan or a mesh, and which columns.
+///
+/// # Errors
+/// As [`read_scan`] where the header is concerned.
+pub fn read_contents(path: &Path) -> Result<PlyContents> {
+    let header = open(path)
+        .and_then(|mut source| read_header(&mut source))
+        .map_err(|e| e.in_context(path.display()))?;
+    Ok(PlyContents {
+        encoding: match header.encoding {
+            Encoding::Ascii => "ascii",
+            Encoding::Little => "binary_little_endian",
+            Encoding::Big => "binary_big_endian",
+        },
+        elements: header
+            .elements
+            .into_iter()
+            .map(|e| (e.name, e.count, e.properties.into_iter().map(|p| p.name).collect()))
+            .collect(),
+        unit: header.unit,
+    })
 }
 
 /// The vertex element and the names of its plain properties ("" for lists, which are no columns).

@@ -11,6 +11,7 @@
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
+use crate::progress::{Part, Progress, Silent};
 use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{MeshColumns, write_mesh, write_scan};
@@ -202,6 +203,10 @@ pub struct ScanSceneSummary {
 /// # Errors
 /// `Input` for options that make no sense; `Unsupported` for a torus.
 pub fn scans(options: &ScanSceneOptions) -> Result<ScanScene> {
+    simulate(options, &Silent)
+}
+
+fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanScene> {
     options.sanity_check()?;
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
@@ -232,6 +237,7 @@ pub fn scans(options: &ScanSceneOptions) -> Result<ScanScene> {
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     rng.set_stream(2);
     for view in 0..views {
+        progress.check("scanning", view as f64 / views as f64)?;
         let is_old = view == options.views;
         let (name, noise, misstatement) = if is_old {
             ("old", old, options.misstated)
@@ -389,9 +395,21 @@ fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> Result<[usi
 /// Simulates the scene and writes it: what `planish simulate scene scans` does.
 ///
 /// # Errors
-/// As [`scans`] and [`write_scan_scene`].
-pub fn write_scans_scene(options: &ScanSceneOptions, folder: &Path) -> Result<ScanSceneSummary> {
-    write_scan_scene(&scans(options)?, folder)
+/// As [`scans`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
+pub fn write_scans_scene(
+    options: &ScanSceneOptions,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<ScanSceneSummary> {
+    options.sanity_check()?;
+    Truth::freeform(options.shape, options.size(), options.seed)?;
+    // A folder that cannot be made is known before the work.
+    make_folder(folder)?;
+    let scene = simulate(options, &Part::new(progress, 0.0, 0.7))?;
+    progress.check("writing", 0.7)?;
+    let summary = write_scan_scene(&scene, folder)?;
+    progress.advance("done", 1.0);
+    Ok(summary)
 }
 
 /// Writes a scene into a folder, which is made where it is missing: the scans, `truth.ply`, `truth.json`, and `job.toml` last.

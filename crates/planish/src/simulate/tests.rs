@@ -1,4 +1,5 @@
 use super::*;
+use crate::progress::Silent;
 use planish_estimate::ErrorKind;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
 use planish_exchange::{Unit, read_inputs};
@@ -436,7 +437,7 @@ fn one_seed_gives_the_same_bytes_at_any_number_of_threads() {
     };
     let write = |threads: usize, folder: &std::path::Path| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| write_scans_scene(&options, folder)).unwrap()
+        pool.install(|| write_scans_scene(&options, folder, &Silent)).unwrap()
     };
     let (first, second) = (write(1, a.path()), write(3, b.path()));
     assert_eq!(first.truth, second.truth);
@@ -602,7 +603,7 @@ fn options_that_make_no_sense_are_refused() {
         assert_eq!(scans(&options).unwrap_err().kind(), kind, "{options:?}");
     }
     let file = tempfile::NamedTempFile::new().unwrap();
-    assert_eq!(write_scans_scene(&good, file.path()).unwrap_err().kind(), ErrorKind::Io);
+    assert_eq!(write_scans_scene(&good, file.path(), &Silent).unwrap_err().kind(), ErrorKind::Io);
 }
 
 #[test]

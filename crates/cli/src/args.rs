@@ -1,0 +1,378 @@
+//! The command line, as clap reads it: every option, its unit, its default, and an example that runs.
+
+use clap::builder::styling::{AnsiColor, Styles};
+use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
+use planish::{Shape, Unit};
+use std::path::PathBuf;
+
+/// More threads than this are a slip of the keyboard.
+const MOST_THREADS: usize = 1024;
+
+const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Green.on_default().bold())
+    .usage(AnsiColor::Green.on_default().bold())
+    .literal(AnsiColor::Cyan.on_default());
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    it ran, but the data do not determine the answer
+  2    wrong use or input
+  3    a file could not be read or written
+  101  a bug in planish
+  130  interrupted; nothing was written";
+
+/// From measurements to a 3D model that says how well it is known.
+#[derive(Debug, Parser)]
+#[command(name = "planish", version, styles = STYLES, arg_required_else_help = true, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The jobs.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Fuse scans into a surface that carries its uncertainty
+    Fit(FitArgs),
+    /// Measure how far a model lies from a reference, and whether its σ tells the truth
+    Compare(CompareArgs),
+    /// Say what a file holds
+    Info(InfoArgs),
+    /// Make measurements whose truth is known
+    Simulate(SimulateArgs),
+}
+
+/// Options that every command has.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Common options")]
+pub struct CommonArgs {
+    /// Print one JSON object on stdout, and nothing else there
+    #[arg(long)]
+    pub json: bool,
+    /// Print no summary, no progress and no warnings
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Threads to work with [default: one for each core]; they change the time, never the result
+    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
+    pub threads: Option<usize>,
+    /// Seed of every random choice: the same seed gives the same bytes
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Unit of lengths in files that do not name theirs: mm, m or in
+    #[arg(long, value_name = "UNIT", value_enum)]
+    pub unit: Option<UnitName>,
+}
+
+/// A unit of length on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UnitName {
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
+    /// Inches
+    In,
+}
+
+impl From<UnitName> for Unit {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Mm => Self::Millimetre,
+            UnitName::M => Self::Metre,
+            UnitName::In => Self::Inch,
+        }
+    }
+}
+
+/// A topology on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ShapeName {
+    /// Open, with one border: a panel, a terrain
+    Sheet,
+    /// Open at both ends: a pipe, a vessel
+    Tube,
+    /// Closed, without holes through it: most solid things
+    Ball,
+    /// Closed, with one hole through it: a ring
+    Torus,
+}
+
+impl From<ShapeName> for Shape {
+    fn from(name: ShapeName) -> Self {
+        match name {
+            ShapeName::Sheet => Self::Sheet,
+            ShapeName::Tube => Self::Tube,
+            ShapeName::Ball => Self::Ball,
+            ShapeName::Torus => Self::Torus,
+        }
+    }
+}
+
+const FIT_EXAMPLES: &str = "\
+Examples:
+  planish fit examples/data/pebble/job.toml -o part.step -o part.ply -o part.planish
+  planish fit bun.conf --unit m -o bunny.step
+  planish fit today.ply --update part.planish -o newer.planish
+
+Scans: ply, xyz, txt, asc, csv, pts. Lists of scans with poses: conf (VRIP), toml (a job that also names the sensors and
+their σ). A σ that nobody states is estimated from the data; one that the data contradict is reported and replaced.
+Lengths are in the unit of the files.
+
+Outputs, by extension:
+  .step .stp   the exact surface, for CAD programs
+  .ply         a mesh; each vertex has its normal, σ along it, and whether it was measured
+  .planish     the model with its covariance, for `compare` and for `fit --update`";
+
+/// Arguments of `planish fit`.
+#[derive(Debug, Args)]
+#[command(after_help = FIT_EXAMPLES)]
+pub struct FitArgs {
+    /// Scans (.ply, .xyz, .csv, …) and lists of scans (.conf, .toml)
+    #[arg(required = true, value_name = "SCAN", value_hint = ValueHint::FilePath)]
+    pub scans: Vec<PathBuf>,
+    /// Write the model; the extension says how (.step, .ply, .planish); may be given several times
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+
+    /// Add the scans to this saved model; its grid stays, its smoothness prior counts once
+    #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
+          conflicts_with_all = ["shape", "tolerance", "max_coefficients"])]
+    pub update: Option<PathBuf>,
+    /// Topology of the surface [default: chosen from the points]
+    #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
+    pub shape: Option<ShapeName>,
+    /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
+    pub tolerance: Option<f64>,
+    /// No more control vertices than this
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 20_000,
+        allow_negative_numbers = true,
+        help_heading = "Surface"
+    )]
+    pub max_coefficients: usize,
+    /// Most that chords of a .ply mesh leave the surface, as a length [default: half the median σ]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
+    pub mesh_tolerance: Option<f64>,
+
+    /// Set readings aside that lie farther from the surface than this many σ
+    #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate, allow_negative_numbers = true,
+          help_heading = "Readings")]
+    pub gate: f64,
+    /// Share of the readings that takes no part and judges the fit, from 0 to below 0.9
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = held_out, allow_negative_numbers = true,
+          help_heading = "Readings")]
+    pub held_out: f64,
+
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const COMPARE_EXAMPLES: &str = "\
+Examples:
+  planish compare part.planish examples/data/pebble/truth.ply
+  planish compare part.ply other-scan.xyz --unit mm
+
+Deviations are signed: positive where the model lies on the side that the reference's normal points to. Only what the
+model counts as measured is compared, and nothing beyond an open border. Coverage is the share of the reference's points
+that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ is true.";
+
+/// Arguments of `planish compare`.
+#[derive(Debug, Args)]
+#[command(after_help = COMPARE_EXAMPLES)]
+pub struct CompareArgs {
+    /// A saved model (.planish) or a mesh (.ply), with or without σ
+    #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]
+    pub model: PathBuf,
+    /// A mesh or points (.ply), or scans as `planish fit` reads them
+    #[arg(value_name = "REFERENCE", value_hint = ValueHint::FilePath)]
+    pub reference: PathBuf,
+    /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub mesh_tolerance: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const INFO_EXAMPLES: &str = "\
+Examples:
+  planish info examples/data/pebble/job.toml
+  planish info examples/data/pebble/truth.ply
+  planish info part.planish --json
+
+Reads scans, lists of scans, meshes and saved models. Lengths are in the unit of the file.";
+
+/// Arguments of `planish info`.
+#[derive(Debug, Args)]
+#[command(after_help = INFO_EXAMPLES)]
+pub struct InfoArgs {
+    /// A scan, a list of scans, a mesh or a saved model
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub file: PathBuf,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// Arguments of `planish simulate`.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// What to simulate.
+    #[command(subcommand)]
+    pub what: Simulated,
+}
+
+/// What can be simulated.
+#[derive(Debug, Subcommand)]
+pub enum Simulated {
+    /// A scene: readings for a job, and the truth beside them
+    Scene(SceneArgs),
+}
+
+/// Arguments of `planish simulate scene`.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Which scene.
+    #[command(subcommand)]
+    pub scene: Scene,
+}
+
+/// The scenes.
+#[derive(Debug, Subcommand)]
+pub enum Scene {
+    /// A freeform thing of 100 mm, scanned by several sensors, one of which understates its σ
+    Scans(ScansArgs),
+}
+
+const SCANS_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene scans --out scene
+  planish simulate scene scans --shape tube --seed 7 --readings 12000 --outliers 0.05 --out pipe
+
+The folder then holds job.toml (for `planish fit`), a .ply file for each scan, truth.ply (a mesh of the true surface, for
+`planish compare`) and truth.json (the true σ, the outliers, the formula of the surface). The thing is 100 mm long,
+whatever --unit the files are in.";
+
+/// Arguments of `planish simulate scene scans`.
+#[derive(Debug, Args)]
+#[command(after_help = SCANS_EXAMPLES)]
+pub struct ScansArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+
+    /// Topology of the surface
+    #[arg(long, value_name = "SHAPE", value_enum, default_value_t = ShapeName::Ball, help_heading = "Scene")]
+    pub shape: ShapeName,
+    /// Readings of all scanners together, about
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 100_000,
+        allow_negative_numbers = true,
+        help_heading = "Scene"
+    )]
+    pub readings: usize,
+    /// Triangles of truth.ply, at most [default: half the readings, from 5120 to 80000]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Scene")]
+    pub truth_triangles: Option<usize>,
+
+    /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Sensors")]
+    pub sigma: Option<f64>,
+    /// Views of the laser
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 3,
+        allow_negative_numbers = true,
+        help_heading = "Sensors"
+    )]
+    pub views: usize,
+    /// Leave out the old scanner
+    #[arg(long, help_heading = "Sensors")]
+    pub no_old_scanner: bool,
+    /// True σ over stated σ of the old scanner; 1 is honest
+    #[arg(long, value_name = "FACTOR", default_value_t = 3.0, value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Sensors")]
+    pub misstated: f64,
+    /// Points of the touch probe; 0 for no probe
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 60,
+        allow_negative_numbers = true,
+        help_heading = "Sensors"
+    )]
+    pub probe_points: usize,
+    /// Share of the scanners' readings with a gross error, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = share, allow_negative_numbers = true,
+          help_heading = "Sensors")]
+    pub outliers: f64,
+    /// Growth of σ from the middle of a scanner's field of view to its corners, as a share; each reading then states its own
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true,
+          help_heading = "Sensors")]
+    pub unevenness: f64,
+    /// Write plain points instead of organised grids
+    #[arg(long, help_heading = "Sensors")]
+    pub no_grids: bool,
+
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().map_err(|_| "needed a number".to_owned())
+}
+
+fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, String> {
+    match number(text)? {
+        value if value.is_finite() && good(value) => Ok(value),
+        _ => Err(format!("needed {needed}")),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    within(text, "a number above 0", |v| v > 0.0)
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    within(text, "a number that is not below 0", |v| v >= 0.0)
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    within(text, "a share from 0 to 1", |v| (0.0..=1.0).contains(&v))
+}
+
+fn held_out(text: &str) -> Result<f64, String> {
+    within(text, "a share from 0 to below 0.9", |v| (0.0..0.9).contains(&v))
+}
+
+fn gate(text: &str) -> Result<f64, String> {
+    within(text, "at least 1 σ (4 is usual)", |v| v >= 1.0)
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(threads @ 1..=MOST_THREADS) => Ok(threads),
+        _ => Err(format!("needed a whole number from 1 to {MOST_THREADS}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Cli;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_does_not_contradict_itself() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,109 @@
+//! `planish compare`.
+
+use crate::args::CompareArgs;
+use crate::numbers::{count, percent, significant};
+use crate::report::{self, Align, Lines, Summary};
+use planish::compare::{CompareOptions, ComparisonReport, Deviations, compare_files};
+use planish::progress::Progress;
+use planish::{Result, Unit};
+use serde::Serialize;
+
+/// The keys of `compare` beside the common ones.
+#[derive(Serialize)]
+struct Body {
+    #[serde(flatten)]
+    report: ComparisonReport,
+    termination: &'static str,
+}
+
+/// Runs the command; returns the exit code.
+pub fn run(args: &CompareArgs) -> u8 {
+    report::run("compare", &args.common, |progress| work(args, progress))
+}
+
+fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = CompareOptions {
+        unit: args.common.unit.map(Unit::from),
+        mesh_tolerance: args.mesh_tolerance,
+    };
+    let report = compare_files(&args.model, &args.reference, &options, progress)?;
+    Ok(Summary {
+        text: text(args, &report),
+        unit: Some(report.unit),
+        inputs: vec![args.model.clone(), args.reference.clone()],
+        outputs: Vec::new(),
+        warnings: report.warnings.clone(),
+        undetermined: false,
+        body: Body {
+            report,
+            termination: "converged",
+        },
+    })
+}
+
+fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "Deviations of {} from {} in {}, positive on the side that normals point to.",
+        args.model.display(),
+        args.reference.display(),
+        report.unit
+    ));
+    lines.gap();
+    let row = |name: &str, found: &Option<Deviations>| {
+        let mut row = vec![name.to_owned()];
+        match found {
+            Some(d) => row.extend(
+                [d.rms, d.mean, d.p50, d.p95, d.max]
+                    .map(|value| significant(value, 3))
+                    .into_iter()
+                    .chain([count(d.n)]),
+            ),
+            None => row.extend(["–"; 6].map(str::to_owned)),
+        }
+        row
+    };
+    lines.table(
+        &[
+            ("", Align::Left),
+            ("rms", Align::Right),
+            ("mean", Align::Right),
+            ("median |d|", Align::Right),
+            ("95 % |d|", Align::Right),
+            ("largest |d|", Align::Right),
+            ("points", Align::Right),
+        ],
+        &[
+            row("model to reference", &report.forward),
+            row("reference to model", &report.backward),
+        ],
+    );
+    lines.gap();
+    lines.line(match report.coverage95 {
+        Some(share) => format!(
+            "Within 1.96 σ: {} of the reference's points (95 % where σ is true).",
+            percent(share)
+        ),
+        None => "The model states no σ: its coverage cannot be told.".to_owned(),
+    });
+    let skipped = report.skipped;
+    let causes = [
+        (skipped.model_not_observed, "points of the model were never measured"),
+        (
+            skipped.model_beyond_border,
+            "points of the model lie beyond a border of the reference",
+        ),
+        (
+            skipped.reference_not_observed,
+            "points of the reference face a part of the model that was never measured",
+        ),
+        (
+            skipped.reference_beyond_border,
+            "points of the reference lie beyond a border of the model",
+        ),
+    ];
+    for (n, cause) in causes.into_iter().filter(|(n, _)| *n > 0) {
+        lines.line(format!("Left out: {} {cause}.", count(n)));
+    }
+    lines.into_text()
+}

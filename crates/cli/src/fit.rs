@@ -1,0 +1,278 @@
+//! `planish fit`.
+
+use crate::args::FitArgs;
+use crate::numbers::{count, counted, percent, significant};
+use crate::report::{self, Align, Lines, Summary};
+use planish::fit::{FitOptions, FitReport, FitTermination};
+use planish::fit_files::{FitJob, FitJobReport, fit_files};
+use planish::output::{OutputFormat, WrittenFile};
+use planish::progress::Progress;
+use planish::{Result, Unit};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// The keys of `fit` beside the common ones.
+#[derive(Serialize)]
+struct Body {
+    #[serde(flatten)]
+    fit: FitReport,
+    /// Readings of all sessions that the model holds.
+    observations_of_all_sessions: usize,
+    written: Vec<WrittenFile>,
+}
+
+/// Runs the command; returns the exit code.
+pub fn run(args: &FitArgs) -> u8 {
+    report::run("fit", &args.common, |progress| work(args, progress))
+}
+
+fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let job = FitJob {
+        inputs: args.scans.clone(),
+        update: args.update.clone(),
+        outputs: args.output.clone(),
+        unit: args.common.unit.map(Unit::from),
+        options: FitOptions {
+            shape: args.shape.map(Into::into),
+            tolerance: args.tolerance,
+            max_coefficients: args.max_coefficients,
+            gate: args.gate,
+            held_out_share: args.held_out,
+            seed: args.common.seed,
+            ..FitOptions::default()
+        },
+        mesh_tolerance: args.mesh_tolerance,
+        arguments: deciding_arguments(args),
+    };
+    let done = fit_files(&job, progress)?;
+    Ok(Summary {
+        text: text(args, &done),
+        unit: Some(done.unit),
+        inputs: read(args, &done),
+        outputs: done.written.iter().map(|w| w.file.clone()).collect(),
+        warnings: done.fit.warnings.clone(),
+        undetermined: done.fit.termination == FitTermination::Undetermined,
+        body: Body {
+            fit: done.fit,
+            observations_of_all_sessions: done.observations_of_all_sessions,
+            written: done.written,
+        },
+    })
+}
+
+/// Every file that was read: scans and lists, then the model that was updated.
+fn read(args: &FitArgs, done: &FitJobReport) -> Vec<PathBuf> {
+    let scans = done.inputs.iter().map(|input| input.path.clone());
+    scans.chain(args.update.clone()).collect()
+}
+
+/// The arguments on which the answer depends, in one order; outputs, threads and printing are not among them.
+fn deciding_arguments(args: &FitArgs) -> Vec<String> {
+    let mut all = vec!["fit".to_owned()];
+    all.extend(args.scans.iter().map(|path| path.display().to_string()));
+    let mut option = |name: &str, value: Option<String>| {
+        if let Some(value) = value {
+            all.extend([name.to_owned(), value]);
+        }
+    };
+    let defaults = FitOptions::default();
+    let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
+    option("--update", args.update.as_ref().map(|path| path.display().to_string()));
+    option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
+    option("--tolerance", args.tolerance.map(|t| t.to_string()));
+    option(
+        "--max-coefficients",
+        (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
+    );
+    option("--gate", differs(args.gate, defaults.gate));
+    option("--held-out", differs(args.held_out, defaults.held_out_share));
+    option("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned()));
+    option(
+        "--seed",
+        (args.common.seed != defaults.seed).then(|| args.common.seed.to_string()),
+    );
+    all
+}
+
+fn text(args: &FitArgs, done: &FitJobReport) -> String {
+    let FitJobReport { fit, unit, .. } = done;
+    let length = |value: f64| format!("{} {unit}", significant(value, 3));
+    let mut lines = Lines::default();
+    let verb = match args.update {
+        None => "Fitted",
+        Some(_) => "Updated",
+    };
+    lines.line(format!(
+        "{verb} a {} of {} ({}, {}) with {}.",
+        fit.shape,
+        counted(fit.coefficients, "control vertex").replace("vertexs", "vertices"),
+        counted(fit.levels, "level"),
+        counted(fit.cells, "cell"),
+        counted(fit.observations, "reading"),
+    ));
+    lines.gap();
+    lines.facts([
+        (
+            "readings of all sessions",
+            args.update
+                .as_ref()
+                .map_or(String::new(), |_| count(done.observations_of_all_sessions)),
+        ),
+        (
+            "residuals",
+            format!(
+                "rms {}; over their σ {} (reduced χ² {})",
+                length(fit.rms),
+                significant(fit.rms_normalised, 3),
+                significant(fit.reduced_chi_square, 3)
+            ),
+        ),
+        (
+            "held out",
+            match fit.held_out.n {
+                0 => "none".to_owned(),
+                n => format!(
+                    "{}; rms over their σ {} (1 where the stated σ is true)",
+                    counted(n, "reading"),
+                    significant(fit.held_out.rms_normalised, 3)
+                ),
+            },
+        ),
+        (
+            "σ of the surface",
+            format!(
+                "median {}, 95 % below {}, largest {}",
+                length(fit.sigma.median),
+                length(fit.sigma.p95),
+                length(fit.sigma.max)
+            ),
+        ),
+        (
+            "measured",
+            format!("{} of the area", percent(fit.observed_area_fraction)),
+        ),
+        ("ended", ending(fit.termination).to_owned()),
+    ]);
+    set_aside(&mut lines, fit);
+    sensors(&mut lines, fit, *unit);
+    poses(&mut lines, fit, *unit);
+    lines.gap();
+    if done.written.is_empty() {
+        lines.line("Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.");
+    }
+    for file in &done.written {
+        lines.line(format!("Wrote {}: {}", file.file.display(), contents(file, *unit)));
+    }
+    lines.into_text()
+}
+
+fn ending(termination: FitTermination) -> &'static str {
+    match termination {
+        FitTermination::Converged => "converged: only noise is left",
+        FitTermination::ReachedTolerance => "reached the tolerance",
+        FitTermination::Limit => "at the limit of coefficients or iterations",
+        FitTermination::Undetermined => "undetermined: the data do not say what the surface is everywhere",
+    }
+}
+
+fn set_aside(lines: &mut Lines, fit: &FitReport) {
+    let total: usize = fit.rejected.values().sum();
+    lines.gap();
+    if total == 0 {
+        lines.line("Set aside: no reading.");
+        return;
+    }
+    let all = (total + fit.observations + fit.held_out.n) as f64;
+    let mut causes: Vec<(&String, usize)> = fit.rejected.iter().map(|(cause, n)| (cause, *n)).collect();
+    causes.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    let rows: Vec<Vec<String>> = causes
+        .into_iter()
+        .map(|(cause, n)| vec![cause.replace('_', " "), count(n), percent(n as f64 / all)])
+        .collect();
+    lines.table(
+        &[
+            ("set aside", Align::Left),
+            ("readings", Align::Right),
+            ("share", Align::Right),
+        ],
+        &rows,
+    );
+}
+
+fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    lines.gap();
+    let rows: Vec<Vec<String>> = fit
+        .sensors
+        .iter()
+        .map(|sensor| {
+            vec![
+                sensor.name.clone(),
+                count(sensor.observations),
+                sensor.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
+                significant(sensor.sigma_estimated, 3),
+                if sensor.sigma_used_is_estimated {
+                    "estimated"
+                } else {
+                    "stated"
+                }
+                .to_owned(),
+                significant(sensor.rms, 3),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("sensor", Align::Left),
+            ("readings", Align::Right),
+            (&format!("σ stated / {unit}"), Align::Right),
+            ("estimated", Align::Right),
+            ("used", Align::Left),
+            ("rms residual", Align::Right),
+        ],
+        &rows,
+    );
+}
+
+/// Poses are of interest where they are not all exact.
+fn poses(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    let uncertain = |p: &&planish::model::PoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
+    let rows: Vec<Vec<String>> = fit
+        .poses
+        .iter()
+        .filter(uncertain)
+        .map(|pose| {
+            let known = |sigma: Option<f64>| sigma.map_or("exact".to_owned(), |s| significant(s, 3));
+            vec![
+                pose.scan.clone(),
+                known(pose.sigma_translation),
+                known(pose.sigma_rotation_deg),
+            ]
+        })
+        .collect();
+    if !rows.is_empty() {
+        lines.gap();
+        lines.table(
+            &[
+                ("pose", Align::Left),
+                (&format!("σ of translation / {unit}"), Align::Right),
+                ("σ of rotation / °", Align::Right),
+            ],
+            &rows,
+        );
+    }
+}
+
+fn contents(file: &WrittenFile, unit: Unit) -> String {
+    match file.format {
+        OutputFormat::Step => format!(
+            "the exact surface in {}",
+            counted(file.faces.unwrap_or(0), "B-spline face")
+        ),
+        OutputFormat::Ply => format!(
+            "{} within {} {unit} of the surface, with σ",
+            counted(file.triangles.unwrap_or(0), "triangle"),
+            significant(file.tolerance.unwrap_or(f64::NAN), 2)
+        ),
+        OutputFormat::Planish => "the model with its covariance".to_owned(),
+    }
+}

@@ -1,0 +1,75 @@
+//! A progress bar for people who wait, and Ctrl-C for those who do not.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use planish::progress::Progress;
+use std::cell::RefCell;
+use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Work that is over sooner shows no bar.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Steps of the bar.
+const STEPS: u64 = 1000;
+
+/// Set by Ctrl-C.
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left half-written.
+fn listen_for_ctrl_c() {
+    // A second handler in one process, or a system without signals, leaves the default: the process ends at once.
+    let _ = ctrlc::set_handler(|| {
+        if !INTERRUPTED.swap(true, Ordering::Relaxed) {
+            let _ = writeln!(std::io::stderr(), "\nplanish: stopping at the next step …");
+        }
+    });
+}
+
+/// Listens to long work.
+pub struct Terminal {
+    begun: Instant,
+    visible: bool,
+    bar: RefCell<Option<ProgressBar>>,
+}
+
+impl Terminal {
+    /// A listener that shows a bar on stderr, where that is a terminal and `quiet` is not set.
+    pub fn new(quiet: bool) -> Self {
+        listen_for_ctrl_c();
+        Self {
+            begun: Instant::now(),
+            visible: !quiet && std::io::stderr().is_terminal(),
+            bar: RefCell::new(None),
+        }
+    }
+}
+
+impl Progress for Terminal {
+    fn advance(&self, stage: &str, share: f64) {
+        if !self.visible || self.begun.elapsed() < PATIENCE {
+            return;
+        }
+        let mut bar = self.bar.borrow_mut();
+        let bar = bar.get_or_insert_with(|| {
+            let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
+            if let Ok(style) = ProgressStyle::with_template("{bar:40.cyan} {percent:>3} %  {elapsed}  {msg}") {
+                bar.set_style(style);
+            }
+            bar
+        });
+        bar.set_message(stage.to_owned());
+        bar.set_position((share.clamp(0.0, 1.0) * STEPS as f64) as u64);
+    }
+
+    fn interrupted(&self) -> bool {
+        INTERRUPTED.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        if let Some(bar) = self.bar.borrow_mut().take() {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The job `planish fit`: files in, a model fitted or updated, files out.
+//!
+//! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked before anything is read,
+//! and written when everything else has succeeded.
+
+use crate::fit::{FitOptions, FitReport, fit, update};
+use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
+use crate::progress::{Part, Progress};
+use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
+use planish_estimate::{Error, Result};
+use planish_exchange::{InputFile, ScanSet, Unit, read_inputs};
+use std::path::PathBuf;
+
+/// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
+const LEAST_COEFFICIENTS: usize = 16;
+
+/// What to fit, and what to write of it.
+#[derive(Debug, Clone, Default)]
+pub struct FitJob {
+    /// Scans and lists of scans.
+    pub inputs: Vec<PathBuf>,
+    /// A saved model that the scans are added to.
+    pub update: Option<PathBuf>,
+    /// Files to write: see [`crate::output::OutputFormat`].
+    pub outputs: Vec<PathBuf>,
+    /// The unit of files that name none.
+    pub unit: Option<Unit>,
+    /// Settings of the fit.
+    pub options: FitOptions,
+    /// Chord error of meshes, in the model's unit; half the median σ where none is given.
+    pub mesh_tolerance: Option<f64>,
+    /// The arguments that decide the answer, for the saved model's provenance.
+    pub arguments: Vec<String>,
+}
+
+/// The figures of a job.
+#[derive(Debug, Clone)]
+pub struct FitJobReport {
+    /// The fit's figures; warnings of the whole job among them.
+    pub fit: FitReport,
+    /// Unit of every length.
+    pub unit: Unit,
+    /// What was read.
+    pub inputs: Vec<InputFile>,
+    /// What was written.
+    pub written: Vec<WrittenFile>,
+    /// Readings of all sessions that the model holds.
+    pub observations_of_all_sessions: usize,
+}
+
+/// Reads, fits and writes.
+///
+/// # Errors
+/// What the readers, [`fit`], [`update`] and the writers report; `Input` also for settings out of range, and for an output that is
+/// an input. Nothing is written unless the fit succeeds.
+pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
+    check_settings(job)?;
+    let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
+    let outputs = plan_outputs(&job.outputs, &named)?;
+    progress.check("reading", 0.0)?;
+    let set = read_inputs(&job.inputs, job.unit)?;
+    // A list names more inputs than the command line does.
+    let read: Vec<PathBuf> = set.inputs.iter().map(|input| input.path.clone()).collect();
+    for output in &outputs {
+        refuse_input_as_output(&output.path, &read)?;
+    }
+    let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
+    progress.check("reading", 0.05)?;
+    let fitting = Part::new(progress, 0.05, 0.9);
+    let fitted = match &earlier {
+        None => fit(&set, &job.options, &fitting)?,
+        Some(earlier) => update(&earlier.model, &set, &job.options, &fitting)?,
+    };
+    progress.check("making outputs", 0.9)?;
+    let mut report = fitted.report;
+    report.warnings.extend(warnings(&set, earlier.as_ref()));
+    let written = write(
+        job,
+        &outputs,
+        &set,
+        earlier,
+        &fitted.model,
+        progress,
+        &mut report.warnings,
+    )?;
+    progress.advance("done", 1.0);
+    Ok(FitJobReport {
+        fit: report,
+        unit: fitted.model.unit,
+        inputs: set.inputs,
+        written,
+        observations_of_all_sessions: fitted.model.observations,
+    })
+}
+
+fn write(
+    job: &FitJob,
+    outputs: &[PlannedOutput],
+    set: &ScanSet,
+    earlier: Option<SavedModel>,
+    model: &crate::model::SurfaceModel,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<WrittenFile>> {
+    let prepared = prepare(model, outputs, job.mesh_tolerance)?;
+    warnings.extend(prepared.warnings.iter().cloned());
+    let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
+    provenance.push(session(job, set));
+    progress.check("writing", 0.95)?;
+    prepared.write(&provenance)
+}
+
+fn session(job: &FitJob, set: &ScanSet) -> Session {
+    let inputs = set.inputs.iter().map(|input| SessionInput {
+        name: input.path.display().to_string(),
+        points: input.points,
+    });
+    Session {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        arguments: job.arguments.clone(),
+        seed: job.options.seed,
+        inputs: inputs.collect(),
+    }
+}
+
+fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if set.unit.is_none() && earlier.is_none() {
+        warnings.push("no file names its unit of length: millimetres were taken; say --unit mm, m or in".to_owned());
+    }
+    let before = earlier.iter().flat_map(|e| &e.provenance).flat_map(|s| &s.inputs);
+    let before: Vec<(Option<&std::ffi::OsStr>, usize)> = before
+        .filter(|input| input.points > 0)
+        .map(|input| (std::path::Path::new(&input.name).file_name(), input.points))
+        .collect();
+    for input in set.inputs.iter().filter(|input| input.points > 0) {
+        if before.contains(&(input.path.file_name(), input.points)) {
+            warnings.push(format!(
+                "{}: a scan of this name and size went into the model before: if it is the same, its readings now count twice",
+                input.path.display()
+            ));
+        }
+    }
+    warnings
+}
+
+fn check_settings(job: &FitJob) -> Result<()> {
+    let FitOptions {
+        tolerance,
+        max_coefficients,
+        gate,
+        held_out_share,
+        ..
+    } = job.options;
+    for (name, value) in [("tolerance", tolerance), ("mesh tolerance", job.mesh_tolerance)] {
+        if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            return Err(Error::input(format!("needed a {name} > 0, found {value}")));
+        }
+    }
+    if !(gate.is_finite() && gate >= 1.0) {
+        return Err(Error::input(format!(
+            "needed a gate of at least 1 σ (4 is usual), found {gate}"
+        )));
+    }
+    if max_coefficients < LEAST_COEFFICIENTS {
+        return Err(Error::input(format!(
+            "needed at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
+        )));
+    }
+    if !(0.0..0.9).contains(&held_out_share) {
+        return Err(Error::input(format!(
+            "needed a held-out share from 0 to below 0.9, found {held_out_share}"
+        )));
+    }
+    Ok(())
+}

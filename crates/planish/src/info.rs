@@ -1,0 +1,417 @@
+//! What a file holds.
+//!
+//! Comes in: a scan, a list of scans, a mesh or a saved model. Goes out: a [`FileInfo`]. Everything is read, not only the header: a
+//! file that is cut off or malformed is found.
+//!
+//! Not guaranteed: anything about STEP files, which are written here but not read.
+
+use crate::fit::SigmaSummary;
+use crate::mesh_output::{leaf_area, sigma_summary};
+use crate::model::{PoseReport, SensorReport};
+use crate::output::extension;
+use crate::saved::{SavedModel, Session, load_with_provenance};
+use planish_estimate::{Error, Result};
+use planish_exchange::ply::{PlyContents, read_contents, read_mesh};
+use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
+use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
+use planish_sense::{Noise, RangeGrid, Scan, Viewing};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What a file holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FileInfo {
+    /// Unit of every length, where it is known.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// Every file that was read: the file itself, and those that it names.
+    #[serde(skip)]
+    pub files: Vec<PathBuf>,
+    /// The contents.
+    #[serde(flatten)]
+    pub contents: Contents,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// The contents of a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Contents {
+    /// Points of one sensor from one pose.
+    Scan(ScanInfo),
+    /// A list of scans.
+    Scans(ScanListInfo),
+    /// Triangles.
+    Mesh(MeshInfo),
+    /// A saved model.
+    Model(Box<ModelInfo>),
+}
+
+/// The box around points.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BoxInfo {
+    /// Least coordinates.
+    pub min: [f64; 3],
+    /// Greatest coordinates.
+    pub max: [f64; 3],
+}
+
+/// A scan.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScanInfo {
+    /// Its name.
+    pub name: String,
+    /// Points with finite coordinates.
+    pub points: usize,
+    /// Records without.
+    pub dropped_not_finite: usize,
+    /// What is known of each point: `x y z`, and `sigma`, `cxx …`, `nx ny nz`, `sigma_n_deg` where stated.
+    pub columns: Vec<String>,
+    /// Around the points, in the scanner's frame.
+    #[serde(rename = "box")]
+    pub bounds: Option<BoxInfo>,
+    /// Columns, rows and filled cells of an organised scan.
+    pub grid: Option<GridInfo>,
+    /// How the sensor looked, in words.
+    pub viewing: String,
+}
+
+/// The sampling grid of an organised scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct GridInfo {
+    /// Columns.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// Cells that hold a point.
+    pub filled: usize,
+}
+
+/// A sensor as a job states it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SensorInfo {
+    /// Its name.
+    pub name: String,
+    /// `range` or `touch`.
+    pub kind: String,
+    /// σ along the ray, or in every direction; none where it is to be estimated.
+    pub sigma_along: Option<f64>,
+    /// σ across the ray.
+    pub sigma_across: Option<f64>,
+    /// How many scans it took.
+    pub scans: usize,
+}
+
+/// A scan of a list.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ListedScanInfo {
+    /// The scan itself.
+    #[serde(flatten)]
+    pub scan: ScanInfo,
+    /// Its sensor.
+    pub sensor: String,
+    /// World from scanner: translation.
+    pub translation: [f64; 3],
+    /// World from scanner: rotation.
+    pub quaternion_xyzw: [f64; 4],
+    /// σ of the translation, where stated.
+    pub sigma_translation: Option<f64>,
+    /// σ of the rotation, where stated.
+    pub sigma_rotation_deg: Option<f64>,
+}
+
+/// A list of scans.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScanListInfo {
+    /// Points in all.
+    pub points: usize,
+    /// Around all points, in the world's frame.
+    #[serde(rename = "box")]
+    pub bounds: Option<BoxInfo>,
+    /// The sensors.
+    pub sensors: Vec<SensorInfo>,
+    /// The scans.
+    pub scans: Vec<ListedScanInfo>,
+}
+
+/// A mesh.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MeshInfo {
+    /// Vertices.
+    pub vertices: usize,
+    /// Triangles, after polygons were cut.
+    pub triangles: usize,
+    /// Properties of a vertex.
+    pub columns: Vec<String>,
+    /// Two triangles at every edge.
+    pub watertight: bool,
+    /// No edge of three triangles, no two fans at a vertex.
+    pub manifold: bool,
+    /// Edges of one triangle.
+    pub boundary_edges: usize,
+    /// Edges of three or more triangles.
+    pub nonmanifold_edges: usize,
+    /// Parts that are connected.
+    pub components: usize,
+    /// Sum of the triangles' areas.
+    pub area: f64,
+    /// Enclosed volume; none for an open mesh.
+    pub volume: Option<f64>,
+    /// Around the vertices.
+    #[serde(rename = "box")]
+    pub bounds: Option<BoxInfo>,
+    /// σ of the vertices that count as measured, where they state it.
+    pub sigma: Option<SigmaSummary>,
+    /// Share of the vertices that were measured, where they state it.
+    pub observed_vertex_fraction: Option<f64>,
+}
+
+/// A saved model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModelInfo {
+    /// The topology.
+    pub shape: String,
+    /// Control vertices.
+    pub coefficients: usize,
+    /// Levels of the hierarchy.
+    pub levels: usize,
+    /// Leaf cells.
+    pub cells: usize,
+    /// Cells of the base grid along u and v.
+    pub base: [usize; 2],
+    /// Readings that went in.
+    pub observations: usize,
+    /// Area of the surface.
+    pub area: f64,
+    /// Share of it that was measured.
+    pub observed_area_fraction: f64,
+    /// Around the control vertices: the surface lies inside.
+    #[serde(rename = "box")]
+    pub bounds: Option<BoxInfo>,
+    /// σ along the normal, where measured.
+    pub sigma: SigmaSummary,
+    /// Weight of the thin-plate energy.
+    pub smoothness_weight: f64,
+    /// Sensors of the last session.
+    pub sensors: Vec<SensorReport>,
+    /// Poses that went in.
+    pub poses: Vec<PoseReport>,
+    /// The sessions that made it, oldest first.
+    pub sessions: Vec<Session>,
+}
+
+/// Reads a file and says what it holds; `unit` is that of a file that names none.
+///
+/// # Errors
+/// As the readers; `Unsupported` for STEP files and other extensions.
+pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    match extension(path).as_str() {
+        "planish" => model(path),
+        "ply" => {
+            let contents = read_contents(path)?;
+            // A file of points may carry an empty list of faces.
+            if contents.count("face") > 0 {
+                mesh(path, contents, unit)
+            } else {
+                scans(path, Some(&contents), unit)
+            }
+        }
+        "step" | "stp" => Err(Error::unsupported(format!(
+            "{}: STEP files are written but not read: open it in a CAD program, or ask about the .planish file beside it",
+            path.display()
+        ))),
+        _ => scans(path, None, unit),
+    }
+}
+
+fn scans(path: &Path, ply: Option<&PlyContents>, unit: Option<Unit>) -> Result<FileInfo> {
+    let named = ply.and_then(|ply| ply.unit);
+    let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
+    let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
+    let mut warnings = Vec::new();
+    if dropped > 0 {
+        warnings.push(format!("{dropped} records without finite coordinates are passed over"));
+    }
+    let contents = match &set.scans[..] {
+        [one] if !matches!(extension(path).as_str(), "toml" | "conf") => Contents::Scan(scan_info(&one.scan)),
+        _ => Contents::Scans(scan_list(&set)),
+    };
+    Ok(FileInfo {
+        unit: set.unit,
+        files: set.inputs.into_iter().map(|input| input.path).collect(),
+        contents,
+        warnings,
+    })
+}
+
+fn scan_info(scan: &Scan) -> ScanInfo {
+    let known: [(bool, &[&str]); 5] = [
+        (true, &["x", "y", "z"]),
+        (scan.sigma.is_some(), &["sigma"]),
+        (scan.covariance.is_some(), &["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
+        (scan.normals.is_some(), &["nx", "ny", "nz"]),
+        (scan.sigma_normal_deg.is_some(), &["sigma_n_deg"]),
+    ];
+    let columns = known.iter().filter(|(known, _)| *known).flat_map(|(_, names)| *names);
+    let filled = |grid: &RangeGrid| grid.cells.iter().filter(|&&cell| cell != RangeGrid::EMPTY).count();
+    ScanInfo {
+        name: scan.name.clone(),
+        points: scan.points.len(),
+        dropped_not_finite: scan.dropped_not_finite,
+        columns: columns.map(|&name| name.to_owned()).collect(),
+        bounds: bounds(&scan.points),
+        grid: scan.grid.as_ref().map(|grid| GridInfo {
+            columns: grid.columns,
+            rows: grid.rows,
+            filled: filled(grid),
+        }),
+        viewing: match scan.viewing {
+            Viewing::Unknown => "not stated".to_owned(),
+            Viewing::Direction([x, y, z]) => format!("along ({x}, {y}, {z})"),
+            Viewing::Origin([x, y, z]) => format!("from the point ({x}, {y}, {z})"),
+        },
+    }
+}
+
+fn scan_list(set: &ScanSet) -> ScanListInfo {
+    let world: Vec<[f64; 3]> = set
+        .scans
+        .iter()
+        .flat_map(|posed| {
+            let pose = &posed.scan.world_from_scanner;
+            posed.scan.points.iter().map(|p| pose.apply(*p))
+        })
+        .collect();
+    let listed = |posed: &PosedScan| ListedScanInfo {
+        scan: scan_info(&posed.scan),
+        sensor: set.sensors[posed.sensor].name.clone(),
+        translation: posed.scan.world_from_scanner.translation,
+        quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
+        sigma_translation: posed.sigma_translation,
+        sigma_rotation_deg: posed.sigma_rotation_deg,
+    };
+    let sensors = set.sensors.iter().enumerate().map(|(index, sensor)| {
+        let (sigma_along, sigma_across) = match sensor.noise {
+            None => (None, None),
+            Some(Noise::Isotropic { sigma }) => (Some(sigma), Some(sigma)),
+            Some(Noise::Ray {
+                sigma_along,
+                sigma_across,
+            }) => (Some(sigma_along), Some(sigma_across)),
+        };
+        SensorInfo {
+            name: sensor.name.clone(),
+            kind: sensor.kind.name().to_owned(),
+            sigma_along,
+            sigma_across,
+            scans: set.scans.iter().filter(|s| s.sensor == index).count(),
+        }
+    });
+    ScanListInfo {
+        points: world.len(),
+        bounds: bounds(&world),
+        sensors: sensors.collect(),
+        scans: set.scans.iter().map(listed).collect(),
+    }
+}
+
+fn mesh(path: &Path, contents: PlyContents, unit: Option<Unit>) -> Result<FileInfo> {
+    let file = read_mesh(path)?;
+    let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
+    let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
+    let sigma = match file.column("sigma") {
+        None => None,
+        Some(column) => {
+            let known: Vec<f64> = (0..column.len()).filter(|&k| measured(k)).map(|k| column[k]).collect();
+            match known.is_empty() {
+                true => None,
+                false => Some(DeviationStatistics::from_signed(&known).map_err(|e| e.in_context(path.display()))?),
+            }
+        }
+    };
+    let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
+    let check = mesh.check();
+    let mut warnings = Vec::new();
+    for (n, what) in [
+        (check.nonmanifold_edges, "edges belong to more than two triangles"),
+        (
+            check.misoriented_edges,
+            "edges join triangles of which one is turned over",
+        ),
+        (check.degenerate_triangles, "triangles have no area"),
+        (check.unused_vertices, "vertices belong to no triangle"),
+    ] {
+        if n > 0 {
+            warnings.push(format!("{n} {what}"));
+        }
+    }
+    Ok(FileInfo {
+        unit: file.unit.or(unit),
+        files: vec![path.to_path_buf()],
+        contents: Contents::Mesh(MeshInfo {
+            vertices: check.vertices,
+            triangles: check.triangles,
+            columns: contents.properties("vertex").to_vec(),
+            watertight: check.watertight,
+            manifold: check.manifold,
+            boundary_edges: check.boundary_edges,
+            nonmanifold_edges: check.nonmanifold_edges,
+            components: check.components,
+            area: mesh.area(),
+            volume: mesh.signed_volume(),
+            bounds: bounds(&mesh.positions),
+            sigma: sigma.map(|s| SigmaSummary {
+                median: s.p50,
+                p95: s.p95,
+                max: s.max,
+            }),
+            observed_vertex_fraction: observed
+                .map(|o| o.iter().filter(|seen| **seen).count() as f64 / o.len().max(1) as f64),
+        }),
+        warnings,
+    })
+}
+
+fn model(path: &Path) -> Result<FileInfo> {
+    let SavedModel { model, provenance } = load_with_provenance(path)?;
+    let sigma = model
+        .posterior()
+        .and_then(|posterior| sigma_summary(&model, &posterior))
+        .map_err(|e| e.in_context(path.display()))?;
+    let surface = &model.surface;
+    let space = surface.space();
+    let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| leaf_area(surface, leaf)).collect();
+    let area: f64 = areas.iter().sum();
+    let measured: f64 = areas
+        .iter()
+        .zip(&model.observed)
+        .filter(|(_, o)| **o)
+        .map(|(a, _)| a)
+        .sum();
+    Ok(FileInfo {
+        unit: Some(model.unit),
+        files: vec![path.to_path_buf()],
+        contents: Contents::Model(Box::new(ModelInfo {
+            shape: space.shape().name().to_owned(),
+            coefficients: space.node_count(),
+            levels: space.levels(),
+            cells: space.leaves().len(),
+            base: space.base(),
+            observations: model.observations,
+            area,
+            observed_area_fraction: measured / area,
+            bounds: bounds(surface.vertices()),
+            sigma,
+            smoothness_weight: model.smoothness_weight,
+            sensors: model.sensors.clone(),
+            poses: model.poses.clone(),
+            sessions: provenance,
+        })),
+        warnings: Vec::new(),
+    })
+}
+
+fn bounds(points: &[[f64; 3]]) -> Option<BoxInfo> {
+    BoundingBox::of(points).map(|b| BoxInfo { min: b.min, max: b.max })
+}
