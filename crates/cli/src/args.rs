@@ -58,21 +58,22 @@ pub struct CommonArgs {
     #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// Seed of every random choice: the same seed gives the same bytes
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = seed, allow_negative_numbers = true)]
     pub seed: u64,
-    /// Unit of lengths in files that do not name theirs: mm, m or in
+    /// Unit of lengths where no file names it [default: mm]
     #[arg(long, value_name = "UNIT", value_enum)]
     pub unit: Option<UnitName>,
 }
 
 /// A unit of length on the command line.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; the names are the units"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum UnitName {
-    /// Millimetres
     Mm,
-    /// Metres
     M,
-    /// Inches
     In,
 }
 
@@ -87,15 +88,15 @@ impl From<UnitName> for Unit {
 }
 
 /// A topology on the command line.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--shape` explains them"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ShapeName {
-    /// Open, with one border: a panel, a terrain
     Sheet,
-    /// Open at both ends: a pipe, a vessel
     Tube,
-    /// Closed, without holes through it: most solid things
     Ball,
-    /// Closed, with one hole through it: a ring
     Torus,
 }
 
@@ -110,15 +111,34 @@ impl From<ShapeName> for Shape {
     }
 }
 
+/// A topology of simulated things.
+#[allow(missing_docs, reason = "as for `ShapeName`")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SceneShape {
+    Sheet,
+    Tube,
+    Ball,
+}
+
+impl From<SceneShape> for Shape {
+    fn from(name: SceneShape) -> Self {
+        match name {
+            SceneShape::Sheet => Self::Sheet,
+            SceneShape::Tube => Self::Tube,
+            SceneShape::Ball => Self::Ball,
+        }
+    }
+}
+
 const FIT_EXAMPLES: &str = "\
 Examples:
   planish fit examples/data/pebble/job.toml -o part.step -o part.ply -o part.planish
   planish fit bun.conf --unit m -o bunny.step
   planish fit today.ply --update part.planish -o newer.planish
 
-Scans: ply, xyz, txt, asc, csv, pts. Lists of scans with poses: conf (VRIP), toml (a job that also names the sensors and
-their σ). A σ that nobody states is estimated from the data; one that the data contradict is reported and replaced.
-Lengths are in the unit of the files.
+Scans are .ply, .xyz, .txt, .asc, .csv or .pts; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
+names the sensors and their σ). A σ that nobody states is estimated from the data; one that the data contradict is \
+reported and replaced. All lengths are in the unit of the files.
 
 Outputs, by extension:
   .step .stp   the exact surface, for CAD programs
@@ -140,7 +160,8 @@ pub struct FitArgs {
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients"])]
     pub update: Option<PathBuf>,
-    /// Topology of the surface [default: chosen from the points]
+    /// Topology: a sheet has one border, a tube is open at both ends, a ball is closed, a torus has a hole through it
+    /// [default: sheet, tube or ball, as the points say]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
@@ -150,7 +171,7 @@ pub struct FitArgs {
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 20_000,
+        default_value_t = 20_000, value_parser = coefficients,
         allow_negative_numbers = true,
         help_heading = "Surface"
     )]
@@ -178,8 +199,8 @@ Examples:
   planish compare part.planish examples/data/pebble/truth.ply
   planish compare part.ply other-scan.xyz --unit mm
 
-Deviations are signed: positive where the model lies on the side that the reference's normal points to. Only what the
-model counts as measured is compared, and nothing beyond an open border. Coverage is the share of the reference's points
+Deviations are signed: positive where the model lies on the side that the reference's normal points to. Only what the \
+model counts as measured is compared, and nothing beyond an open border. Coverage is the share of the reference's points \
 that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ is true.";
 
 /// Arguments of `planish compare`.
@@ -255,8 +276,8 @@ Examples:
   planish simulate scene scans --out scene
   planish simulate scene scans --shape tube --seed 7 --readings 12000 --outliers 0.05 --out pipe
 
-The folder then holds job.toml (for `planish fit`), a .ply file for each scan, truth.ply (a mesh of the true surface, for
-`planish compare`) and truth.json (the true σ, the outliers, the formula of the surface). The thing is 100 mm long,
+The folder then holds job.toml (for `planish fit`), a .ply file for each scan, truth.ply (a mesh of the true surface, for \
+`planish compare`) and truth.json (the true σ, the outliers, the formula of the surface). The thing is 100 mm long, \
 whatever --unit the files are in.";
 
 /// Arguments of `planish simulate scene scans`.
@@ -268,19 +289,19 @@ pub struct ScansArgs {
     pub out: PathBuf,
 
     /// Topology of the surface
-    #[arg(long, value_name = "SHAPE", value_enum, default_value_t = ShapeName::Ball, help_heading = "Scene")]
-    pub shape: ShapeName,
+    #[arg(long, value_name = "SHAPE", value_enum, default_value_t = SceneShape::Ball, help_heading = "Scene")]
+    pub shape: SceneShape,
     /// Readings of all scanners together, about
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 100_000,
+        default_value_t = 100_000, value_parser = whole,
         allow_negative_numbers = true,
         help_heading = "Scene"
     )]
     pub readings: usize,
     /// Triangles of truth.ply, at most [default: half the readings, from 5120 to 80000]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Scene")]
+    #[arg(long, value_name = "N", value_parser = whole, allow_negative_numbers = true, help_heading = "Scene")]
     pub truth_triangles: Option<usize>,
 
     /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
@@ -290,7 +311,7 @@ pub struct ScansArgs {
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 3,
+        default_value_t = 3, value_parser = whole,
         allow_negative_numbers = true,
         help_heading = "Sensors"
     )]
@@ -306,7 +327,7 @@ pub struct ScansArgs {
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 60,
+        default_value_t = 60, value_parser = whole,
         allow_negative_numbers = true,
         help_heading = "Sensors"
     )]
@@ -357,6 +378,24 @@ fn held_out(text: &str) -> Result<f64, String> {
 
 fn gate(text: &str) -> Result<f64, String> {
     within(text, "at least 1 σ (4 is usual)", |v| v >= 1.0)
+}
+
+fn whole(text: &str) -> Result<usize, String> {
+    text.parse()
+        .map_err(|_| "needed a whole number that is not below 0".to_owned())
+}
+
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse()
+        .map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
+}
+
+fn coefficients(text: &str) -> Result<usize, String> {
+    let least = planish::fit_files::LEAST_COEFFICIENTS;
+    match text.parse() {
+        Ok(n) if n >= least => Ok(n),
+        _ => Err(format!("needed a whole number of at least {least}")),
+    }
 }
 
 fn threads(text: &str) -> Result<usize, String> {

@@ -52,7 +52,7 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
         ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),
         ErrorKind::Interrupted => None,
         _ => Some(format!(
-            "correct the input, or see `planish {command} --help` for options, units and examples"
+            "correct what is named above; `planish {command} --help` has options, units and examples"
         )),
     }
 }

@@ -9,7 +9,7 @@ pub fn significant(value: f64, digits: usize) -> String {
         return "0".to_owned();
     }
     let exponent = value.abs().log10().floor() as i32;
-    if !(-5..6).contains(&exponent) {
+    if !(-4..6).contains(&exponent) {
         return format!("{value:.*e}", digits - 1);
     }
     let decimals = (digits as i32 - 1 - exponent).max(0) as usize;

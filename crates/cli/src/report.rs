@@ -77,9 +77,6 @@ pub fn run<B: Serialize>(
     let seconds = begun.elapsed().as_secs_f64();
     let (code, printed) = match outcome {
         Ok(summary) => {
-            if !common.quiet {
-                warn(&summary.warnings);
-            }
             let (unit, inputs, outputs) = head(summary.unit, &summary.inputs, &summary.outputs);
             let printed = if common.json {
                 print_json(&json(name, seconds, common, unit, inputs, outputs, &summary.body))
@@ -88,6 +85,9 @@ pub fn run<B: Serialize>(
             } else {
                 print(&summary.text)
             };
+            if !common.quiet {
+                warn(&summary.warnings);
+            }
             let code = if summary.undetermined {
                 ErrorKind::Undetermined.exit_code()
             } else {

@@ -135,7 +135,7 @@ pub fn make_folder(path: &Path) -> Result<()> {
 }
 
 /// The folder that holds a path.
-pub(crate) fn folder_of(path: &Path) -> PathBuf {
+fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
         _ => PathBuf::from("."),

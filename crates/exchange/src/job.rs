@@ -29,7 +29,6 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
-use crate::atomic::folder_of;
 use crate::source::read_text;
 use crate::vrip::QUATERNION_WITHIN;
 
@@ -124,7 +123,7 @@ struct PoseTable {
 /// kinds of sensors that this version cannot serve: with file, line and key.
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
-        let job = parse(&text, &folder_of(path))?;
+        let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
         for scan in &job.scans {
             if !scan.path.is_file() {
                 return Err(Error::io(format!(

@@ -131,8 +131,15 @@ fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
             if !path.exists() {
                 return Err(Error::io(format!("{}: does not exist", path.display())));
             }
+            if path.is_dir() {
+                return Err(Error::io(format!("{}: is a folder, needed a file", path.display())));
+            }
+            let found = match other {
+                "" => "no extension".to_owned(),
+                other => format!("the extension `{other}`"),
+            };
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found the extension `{other}`",
+                "{}: needed a scan (ply, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found {found}",
                 path.display()
             )))
         }

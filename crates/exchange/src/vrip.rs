@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use planish_estimate::{Error, Result};
 use planish_sense::Pose;
 
-use crate::atomic::folder_of;
 use crate::source::{parse_number, read_text, shown};
 
 /// How far from 1 the length of a stated quaternion may be.
@@ -38,7 +37,7 @@ pub struct ListedScan {
 /// length, or a list without scans: with file and line.
 pub fn read_conf(path: &Path) -> Result<Vec<ListedScan>> {
     let listed = read_text(path).and_then(|text| {
-        let scans = parse(&text, &folder_of(path))?;
+        let scans = parse(&text, path.parent().unwrap_or(Path::new("")))?;
         for scan in &scans {
             if !scan.path.is_file() {
                 return Err(Error::io(format!(

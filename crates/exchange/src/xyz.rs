@@ -190,8 +190,13 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 None if field.is_empty() => f64::NAN,
                 None if layout.tentative_normals && record.len() >= 3 => 0.0,
                 None => {
+                    let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
+                    let way_out = match parse_number(&point) {
+                        Some(_) => ": write decimals with a point",
+                        None => "",
+                    };
                     return Err(Error::input(format!(
-                        "line {number}: needed a number, found {}",
+                        "line {number}: needed a number, found {}{way_out}",
                         shown(field)
                     )));
                 }

@@ -4,15 +4,20 @@
 //! and written when everything else has succeeded.
 
 use crate::fit::{FitOptions, FitReport, fit, update};
+use crate::model::SurfaceModel;
 use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
 use crate::progress::{Part, Progress};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, read_inputs};
+use planish_mesh::BoundingBox;
 use std::path::PathBuf;
 
 /// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
-const LEAST_COEFFICIENTS: usize = 16;
+pub const LEAST_COEFFICIENTS: usize = 16;
+
+/// No sensor that is worth adding errs by more than this share of the thing's size.
+const MOST_DISTANT: f64 = 0.05;
 
 /// What to fit, and what to write of it.
 #[derive(Debug, Clone, Default)]
@@ -68,9 +73,20 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     progress.check("reading", 0.05)?;
     let fitting = Part::new(progress, 0.05, 0.9);
     let fitted = match &earlier {
-        None => fit(&set, &job.options, &fitting)?,
-        Some(earlier) => update(&earlier.model, &set, &job.options, &fitting)?,
+        None => fit(&set, &job.options, &fitting),
+        Some(earlier) => update(&earlier.model, &set, &job.options, &fitting),
     };
+    // The fit knows points, not files.
+    let fitted = fitted.map_err(|e| match e.kind() {
+        ErrorKind::Interrupted => e,
+        _ => e.in_context(names(&job.inputs)),
+    })?;
+    if fitted.report.observations == 0 {
+        return Err(nothing_used(job, &fitted.report));
+    }
+    if let Some(earlier) = &earlier {
+        refuse_strangers(job, &earlier.model, &fitted.report)?;
+    }
     progress.check("making outputs", 0.9)?;
     let mut report = fitted.report;
     report.warnings.extend(warnings(&set, earlier.as_ref()));
@@ -98,7 +114,7 @@ fn write(
     outputs: &[PlannedOutput],
     set: &ScanSet,
     earlier: Option<SavedModel>,
-    model: &crate::model::SurfaceModel,
+    model: &SurfaceModel,
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<WrittenFile>> {
@@ -108,6 +124,45 @@ fn write(
     provenance.push(session(job, set));
     progress.check("writing", 0.95)?;
     prepared.write(&provenance)
+}
+
+/// Every reading was set aside: a model that nothing was added to is no result.
+fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
+    let causes: Vec<String> = report
+        .rejected
+        .iter()
+        .map(|(cause, n)| format!("{n} {cause}"))
+        .collect();
+    let surface = match &job.update {
+        Some(model) => format!("the surface of {}", model.display()),
+        None => "the surface".to_owned(),
+    };
+    Error::undetermined(format!(
+        "{}: every reading was set aside ({}): none says anything of {surface}",
+        names(&job.inputs),
+        causes.join(", ").replace('_', " ")
+    ))
+}
+
+/// A sensor whose σ is not stated explains any distance by its σ: readings of another thing, or in another frame, are found by size.
+fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
+    let size = BoundingBox::of(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
+    if report.rms <= MOST_DISTANT * size {
+        return Ok(());
+    }
+    let unit = earlier.unit;
+    Err(Error::undetermined(format!(
+        "{}: the readings lie {:.3e} {unit} (rms) from a model of {size:.3e} {unit}: do they share its frame and unit?",
+        names(&job.inputs),
+        report.rms
+    )))
+}
+
+/// The first few of many paths.
+fn names(paths: &[PathBuf]) -> String {
+    let first: Vec<String> = paths.iter().take(3).map(|p| p.display().to_string()).collect();
+    let more = if paths.len() > first.len() { ", …" } else { "" };
+    first.join(", ") + more
 }
 
 fn session(job: &FitJob, set: &ScanSet) -> Session {

@@ -20,6 +20,8 @@ use std::path::Path;
 
 /// Default meshes have about this many triangles at most: a file of some 100 MB.
 pub const MOST_DEFAULT_TRIANGLES: u64 = 2_000_000;
+/// Meshes that were asked for by their tolerance have about this many at most: a gigabyte.
+pub const MOST_TRIANGLES: u64 = 20_000_000;
 
 /// A mesh of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,12 +43,13 @@ pub struct ModelMesh {
 }
 
 /// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is given, or what
-/// [`MOST_DEFAULT_TRIANGLES`] allow.
+/// [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`] allow. A leaf is cut into 64 × 64 at most.
+/// Where one of these limits holds, a warning says so.
 ///
 /// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
 ///
 /// # Errors
-/// `Input` for a tolerance that is not positive or takes more than 2³¹ triangles.
+/// `Input` for a tolerance that is not positive.
 ///
 /// # Examples
 /// ```no_run
@@ -57,11 +60,34 @@ pub struct ModelMesh {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub fn mesh_from_model(model: &SurfaceModel, posterior: &Posterior<'_>, tolerance: Option<f64>) -> Result<ModelMesh> {
+    mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
+}
+
+/// [`mesh_from_model`] with other limits: of default meshes and of any.
+fn mesh_of_size(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    [most_by_default, most]: [u64; 2],
+) -> Result<ModelMesh> {
     let mut warnings = Vec::new();
-    let tolerance = match tolerance {
-        Some(tolerance) => tolerance,
-        None => default_tolerance(model, posterior, &mut warnings)?,
+    let unit = model.unit;
+    let (wanted, most) = match tolerance {
+        Some(tolerance) => (tolerance, most),
+        None => (0.5 * median_sigma(model, posterior)?, most_by_default),
     };
+    let affordable = affordable_tolerance(&model.surface, wanted, most)?;
+    if affordable > wanted {
+        let (whose, way_out) = match tolerance {
+            Some(_) => ("asked for", ""),
+            None => ("of half its median σ", "; ask for it with --mesh-tolerance"),
+        };
+        warnings.push(format!(
+            "the mesh follows the surface within {affordable:.2e} {unit}, not within the {wanted:.2e} {unit} {whose}: that takes more than \
+             {most} triangles{way_out}"
+        ));
+    }
+    let tolerance = affordable;
     let options = TessellationOptions {
         tolerance,
         ..TessellationOptions::default()
@@ -69,8 +95,7 @@ pub fn mesh_from_model(model: &SurfaceModel, posterior: &Posterior<'_>, toleranc
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
         warnings.push(format!(
-            "the mesh is coarser than {tolerance:.3e} {} on {} of {} cells, where 64 divisions a side were not enough",
-            model.unit,
+            "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are cut into 64 × 64 at most",
             made.limited_leaves,
             model.observed.len()
         ));
@@ -105,20 +130,6 @@ pub(crate) fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangle
         }
         tolerance *= 1.25;
     }
-}
-
-/// Half the median σ, enlarged until the mesh is of a size that programs open.
-fn default_tolerance(model: &SurfaceModel, posterior: &Posterior<'_>, warnings: &mut Vec<String>) -> Result<f64> {
-    let wanted = 0.5 * median_sigma(model, posterior)?;
-    let tolerance = affordable_tolerance(&model.surface, wanted, MOST_DEFAULT_TRIANGLES)?;
-    if tolerance > wanted {
-        warnings.push(format!(
-            "the mesh follows the surface within {tolerance:.3e} {unit}, not within half its median σ of {wanted:.3e} {unit}: that takes \
-             more than {MOST_DEFAULT_TRIANGLES} triangles; ask for it with --mesh-tolerance",
-            unit = model.unit
-        ));
-    }
-    Ok(tolerance)
 }
 
 /// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none was measured).
@@ -267,13 +278,36 @@ mod tests {
         let mut model = small_model(Shape::Ball);
         let data = model.data.clone();
         model.data.add_scaled(&data, 1e16).unwrap();
-        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), None).unwrap();
-        assert!(mesh.mesh.triangles.len() as u64 <= MOST_DEFAULT_TRIANGLES * 11 / 10);
+        let posterior = model.posterior().unwrap();
+        // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions holds.
+        let mesh = mesh_from_model(&model, &posterior, None).unwrap();
+        assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
+        assert!(mesh.mesh.triangles.len() as u64 <= MOST_DEFAULT_TRIANGLES);
+        let [warning] = &mesh.warnings[..] else {
+            panic!("{:?}", mesh.warnings);
+        };
+        assert!(warning.contains("64 × 64 at most"), "{warning}");
+        // Triangles run out first.
+        let mesh = mesh_of_size(&model, &posterior, None, [20_000, 40_000]).unwrap();
+        assert!(mesh.tolerance > 0.5 * median_sigma(&model, &posterior).unwrap());
+        assert!(mesh.mesh.triangles.len() <= 22_000 && mesh.mesh.triangles.len() > 10_000);
+        let [warning] = &mesh.warnings[..] else {
+            panic!("{:?}", mesh.warnings);
+        };
         assert!(
-            mesh.warnings.iter().any(|w| w.contains("--mesh-tolerance")),
-            "{:?}",
-            mesh.warnings
+            warning.contains("half its median σ") && warning.contains("--mesh-tolerance"),
+            "{warning}"
         );
+    }
+
+    #[test]
+    fn a_tolerance_that_takes_too_many_triangles_is_enlarged_and_reported() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_of_size(&model, &posterior, Some(1e-9), [20_000, 40_000]).unwrap();
+        assert!(mesh.tolerance > 1e-9 && mesh.mesh.triangles.len() <= 44_000);
+        assert!(mesh.warnings[0].contains("asked for"), "{:?}", mesh.warnings);
+        assert!(mesh_from_model(&model, &posterior, Some(0.0)).is_err());
     }
 
     #[test]

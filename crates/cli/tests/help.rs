@@ -1,0 +1,51 @@
+//! What the command says of itself.
+
+mod support;
+
+use support::planish;
+
+fn help(args: &[&str]) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    planish(folder.path(), args).ok().stdout
+}
+
+#[test]
+fn help_of_every_command() {
+    for (name, args) in [
+        ("planish", &["--help"][..]),
+        ("fit", &["fit", "--help"]),
+        ("compare", &["compare", "--help"]),
+        ("info", &["info", "--help"]),
+        ("simulate", &["simulate", "--help"]),
+        ("simulate_scene", &["simulate", "scene", "--help"]),
+        ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
+    ] {
+        insta::assert_snapshot!(format!("help_{name}"), help(args));
+    }
+}
+
+#[test]
+fn the_version_is_that_of_the_package() {
+    assert_eq!(help(&["--version"]), format!("planish {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn examples_of_the_help_are_commands_that_parse() {
+    // Files that do not exist are file trouble (3); what does not parse is wrong use (2).
+    for command in ["fit", "compare", "info", "simulate scene scans"] {
+        let mut args: Vec<&str> = command.split(' ').collect();
+        args.push("--help");
+        let text = help(&args);
+        let examples: Vec<&str> = text
+            .lines()
+            .filter_map(|line| line.strip_prefix("  planish "))
+            .collect();
+        assert!(!examples.is_empty(), "{command} shows no example");
+        for example in examples {
+            let folder = tempfile::tempdir().expect("a folder");
+            let args: Vec<&str> = example.split(' ').chain(["--quiet"]).collect();
+            let said = planish(folder.path(), &args);
+            assert!([0, 3].contains(&said.code), "{example}: {} {}", said.code, said.stderr);
+        }
+    }
+}
