@@ -108,7 +108,7 @@ fn readings_far_from_the_model_are_no_update() {
     );
     assert_eq!(said.code, 1, "{}", said.stdout);
     assert!(
-        said.stderr.contains("far.xyz: every reading was set aside"),
+        said.stderr.contains("far.xyz: the readings lie"),
         "{}",
         said.stderr
     );
