@@ -217,6 +217,9 @@ impl FootPointSearch {
 mod tests {
     use super::*;
     use crate::base::BaseShape;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
 
     #[test]
     fn projections_onto_a_sphere_point_to_its_centre_poles_included() {
@@ -235,6 +238,37 @@ mod tests {
                 "{p:?} {foot:?}"
             );
         }
+    }
+
+    /// Design 4A: curvature lifts naive feet by about `H σ_t²`. At σ = 5 % of the radius that is 0.25 % of it.
+    #[test]
+    fn noise_along_a_sphere_lifts_no_foot_once_the_bias_is_off() {
+        let sigma = 0.05;
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
+            .surface([32, 16])
+            .unwrap();
+        let search = FootPointSearch::new(&sphere, 2, 0.0).unwrap();
+        let options = ProjectionOptions::default();
+        let covariance = [sigma * sigma, 0.0, 0.0, sigma * sigma, 0.0, sigma * sigma];
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let (mut naive, mut corrected) = (0.0, 0.0);
+        let count = 60_000;
+        for n in 0..count {
+            let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
+            let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);
+            let p = [r * a.cos(), r * a.sin(), z]
+                .map(|x| x + sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng));
+            let foot = sphere.project(p, search.nearest(p, [0.0; 3]), &options);
+            naive += foot.height / f64::from(count);
+            let curvature = foot.jet.curvature().unwrap();
+            corrected += (foot.height + foot.jet.tangential_bias(&curvature, &covariance)) / f64::from(count);
+        }
+        let standard_error = sigma / f64::from(count).sqrt();
+        assert!((naive - sigma * sigma).abs() < 4.0 * standard_error, "{naive}");
+        assert!(
+            naive > 10.0 * standard_error && corrected.abs() < 4.0 * standard_error,
+            "{naive} {corrected}"
+        );
     }
 
     #[test]

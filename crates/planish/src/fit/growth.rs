@@ -25,8 +25,8 @@ pub(super) const MOST_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
-/// The weakest blur, in grid cells of the indicator.
-const LAST_BLUR_CELLS: f64 = 1.2;
+/// The weakest blur, in grid cells of the indicator: at 1.2 thin ear tips end 6 mm short.
+const LAST_BLUR_CELLS: f64 = 0.7;
 /// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
 const INWARD_SHARE: f64 = 0.3;
 /// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the base.
@@ -167,11 +167,7 @@ impl Stage {
     fn stretch(&self, surface: &Surface) -> Result<Surface> {
         let mut field = self.system.project_field(&self.weights, |leaf, n, _| {
             let [_, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            [
-                (norm(cross(du, dv)) / self.base_area[leaf][n]).max(1e-6).ln(),
-                0.0,
-                0.0,
-            ]
+            [(norm(cross(du, dv)) / self.base_area[leaf][n]).max(1e-6).ln(), 0.0, 0.0]
         });
         self.factor.solve_in_place(&mut field)?;
         self.system.surface(&field)
@@ -183,7 +179,9 @@ impl Stage {
         let longest = LONGEST_STEP_CELLS * cell;
         let mut step = self.system.project_field(&self.weights, |leaf, n, at| {
             let [point, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            let Some(normal) = unit(cross(du, dv)) else { return [0.0; 3] };
+            let Some(normal) = unit(cross(du, dv)) else {
+                return [0.0; 3];
+            };
             let (value, gradient) = target.field.sample(point);
             let slope = norm(gradient);
             let (mut d, mut facing) = ([0.0; 3], 0.0);

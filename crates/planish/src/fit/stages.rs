@@ -23,11 +23,14 @@ use std::sync::Arc;
 const BASE_CELLS: usize = 128;
 /// Points that are enough to find a first shape.
 const ENOUGH_FOR_SHAPE: usize = 30_000;
-/// Iterations between two refinements, and at the end.
-const ITERATIONS: usize = 2;
+/// Iterations between two refinements, and when the mean square step, in variances of the surface, is small enough to go on.
+const FINDING_ITERATIONS: usize = 2;
+const MOST_FINDING_ITERATIONS: usize = 8;
+const FOUND: f64 = 5.0;
+/// Iterations at the end.
 const LAST_ITERATIONS: usize = 12;
 /// The surface is at rest when its mean square step is this share of its variance, and its weight has settled to within so much.
-const AT_REST: f64 = 2e-2;
+const AT_REST: f64 = 5e-2;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
@@ -39,9 +42,9 @@ const WORTHWHILE: f64 = 0.02;
 const READINGS_PER_GROWN_LEAF: usize = 6;
 /// How many standard deviations χ² of a leaf's bins must exceed its mean by.
 const SIGNIFICANT: f64 = 2.5;
-/// The same of the quarters of a leaf and its neighbours. Without this test 95 % intervals of simulated tubes cover 90.5 %; with it at 3
-/// they cover 95.1 %, sheets 96.8 % and balls 95.1 %; at 2 and 1 nodes are added for nothing (sheets 97.0 % and 97.5 %).
-const POOLED_SIGNIFICANT: f64 = 3.0;
+/// The same of the quarters of a leaf and its neighbours. Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with
+/// it at 2 they cover 94.8 %, sheets 95.5 % and balls 95.0 %.
+const POOLED_SIGNIFICANT: f64 = 2.0;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 30;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
@@ -171,21 +174,23 @@ pub(super) fn refine_to_noise(
             let wanted = (SAMPLE_PER_LEAF * surface.space().leaves().len()).max(40_000);
             subset.iter().copied().step_by((subset.len() / wanted).max(1)).collect()
         };
-        let iterations = if final_round { LAST_ITERATIONS } else { ITERATIONS };
+        let iterations = if final_round {
+            LAST_ITERATIONS
+        } else {
+            MOST_FINDING_ITERATIONS
+        };
         let mut feet;
         // The metric stays that of the surface at the start of the round.
         let mut energy = BendingEnergy::new(&system, &surface)?;
         for iteration in 0..iterations {
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
-            let clock = std::time::Instant::now();
             if final_round && iteration == 0 {
                 let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
                 feet = project(&surface, observations, &sample, &mut at, Some(&search), &noise.used);
             } else {
                 feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
             }
-            let t1 = clock.elapsed();
             let sensors = FootSensors::new(observations, &sample);
             let known = degrees.get_or_insert_with(|| first_degrees(&surface, &sensors));
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, known, final_round)?;
@@ -195,8 +200,6 @@ pub(super) fn refine_to_noise(
                     "no reading lies near the surface: do the scans share one frame and unit?",
                 ));
             }
-            let t2 = clock.elapsed();
-            let t3 = clock.elapsed();
             let start = weight.unwrap_or_else(|| first_weight(&surface, &information));
             let step = normal_step(
                 &system,
@@ -208,27 +211,14 @@ pub(super) fn refine_to_noise(
                 start,
                 None,
             )?;
-            let t4 = clock.elapsed();
             surface = step.surface;
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
             let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
             weight = Some(next.clamp(0.2 * start, 5.0 * start));
             let resting = step.decrement < AT_REST && (next / start - 1.0).abs() < WEIGHT_AT_REST;
-            if std::env::var("PLANISH_TRACE").is_ok() {
-                eprintln!(
-                    "   it {iteration} dec {:.2e} noise {:.3e} weight {start:.3e} dof {:.0} bend {:.1} stiffened {} mismatch {} times {t1:.2?} {t2:.2?} {t3:.2?} {t4:.2?} {:.2?}",
-                    step.decrement,
-                    noise.estimated[0].sqrt(),
-                    step.degrees.iter().sum::<f64>(),
-                    energy.total,
-                    energy.stiffened,
-                    feet.iter().filter(|f| f.state != FootState::Good).count(),
-                    clock.elapsed()
-                );
-            }
             degrees = Some(step.degrees);
-            if final_round && resting {
+            if resting || (!final_round && iteration + 1 >= FINDING_ITERATIONS && step.decrement < FOUND) {
                 break;
             }
         }
@@ -269,34 +259,19 @@ pub(super) fn refine_to_noise(
             &sample,
             options,
         );
-        if options.tolerance.is_some() && verdict.marked.is_empty() {
+        let space = surface.space();
+        if options.tolerance.is_some() && verdict.is_empty() {
             reached_tolerance = true;
         }
-        if std::env::var("PLANISH_TRACE").is_ok() {
-            eprintln!(
-                "round {round}: nodes {} leaves {} sample {} sigma {:?} weight {weight_now:.3e} marked {}",
-                surface.space().node_count(),
-                surface.space().leaves().len(),
-                sample.len(),
-                noise.estimated.iter().map(|v| v.sqrt()).collect::<Vec<_>>(),
-                verdict.marked.len()
-            );
-        }
-        if verdict.marked.len() * 50 < surface.space().leaves().len() {
+        if verdict.len() < few(space) {
             final_round = true;
             continue;
         }
-        let finer = Arc::new(surface.space().refine(&verdict.marked));
-        if finer.node_count() > options.max_coefficients {
-            reached_limit = true;
-            final_round = true;
-            continue;
+        match within_budget(space, &verdict, options.max_coefficients) {
+            Some(finer) if finer.node_count() > space.node_count() => surface = surface.refined(finer.into())?,
+            Some(_) => final_round = true,
+            None => (reached_limit, final_round) = (true, true),
         }
-        if finer.node_count() == surface.space().node_count() {
-            final_round = true;
-            continue;
-        }
-        surface = surface.refined(finer)?;
     }
     unreachable!("the loop ends by returning")
 }
@@ -371,11 +346,11 @@ fn first_degrees(surface: &Surface, sensors: &FootSensors<'_>) -> Vec<f64> {
     degrees
 }
 
-/// A smoothing length of one leaf, to start the search for the weight.
+/// Smooth over a seventh of a leaf, to start the search for the weight: a stiff start would undo what growth has found.
 fn first_weight(surface: &Surface, information: &[f64]) -> f64 {
     let area: f64 = surface.thin_plate(surface.space()).iter().map(|l| l.area).sum();
     let density = information.iter().sum::<f64>() / area;
-    density * (area / surface.space().leaves().len() as f64).powi(2) * 0.05
+    density * (area / surface.space().leaves().len() as f64).powi(2) * 0.0005
 }
 
 /// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found.
@@ -398,13 +373,7 @@ pub(super) fn weights(
             let r = foot.height.abs() / variance.sqrt();
             if finding {
                 // Far readings pull with bounded force: most are shape still to be found, not errors.
-                (if r > 20.0 {
-                    0.0
-                } else if r > 2.5 {
-                    2.5 / r
-                } else {
-                    1.0
-                }) / variance
+                (if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
             } else if r <= gate {
                 1.0 / variance
             } else {
@@ -414,9 +383,59 @@ pub(super) fn weights(
         .collect()
 }
 
-/// Leaves whose residuals hold shape.
+/// A leaf whose residuals hold shape.
 struct Misfit {
-    marked: Vec<usize>,
+    leaf: usize,
+    /// χ² of its own bins, in standard deviations above what noise makes.
+    severity: f64,
+    /// Signs of the corner where it is worst.
+    corner: [f64; 2],
+}
+
+/// So few misfits are chance.
+fn few(space: &Hierarchy) -> usize {
+    space.leaves().len().div_ceil(50)
+}
+
+/// Splits as many of the misfits, worst first, as the limit of coefficients allows; none when that is next to nothing.
+fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> Option<Hierarchy> {
+    let split = |count: usize| space.refine(&blocks(space, &misfits[..count]));
+    let all = split(misfits.len());
+    if all.node_count() <= most {
+        return Some(all);
+    }
+    let (mut fits, mut too_many) = (0, misfits.len());
+    while too_many - fits > few(space).div_ceil(8) {
+        let middle = fits.midpoint(too_many);
+        if split(middle).node_count() <= most {
+            fits = middle;
+        } else {
+            too_many = middle;
+        }
+    }
+    (fits > 0).then(|| split(fits))
+}
+
+/// One bicubic function of the next level lives on a 2 × 2 block: the block at the worst corner of each leaf.
+fn blocks(space: &Hierarchy, misfits: &[Misfit]) -> Vec<usize> {
+    let mut marked = Vec::with_capacity(4 * misfits.len());
+    for &Misfit {
+        leaf, corner: [su, sv], ..
+    } in misfits
+    {
+        for dv in [0.5, 0.5 + sv] {
+            for du in [0.5, 0.5 + su] {
+                let [u, v] = space.parameters(leaf, [du, dv]);
+                let (other, _) = space.locate(u, v);
+                if space.leaves()[other].level <= space.leaves()[leaf].level {
+                    marked.push(other);
+                }
+            }
+        }
+    }
+    marked.sort_unstable();
+    marked.dedup();
+    marked
 }
 
 /// The mean residuals of the bins of one leaf.
@@ -470,11 +489,11 @@ impl LeafResiduals {
     }
 }
 
-/// Averages residuals over the bins of each leaf and marks the supports of leaves where they are too large to be noise.
+/// Averages residuals over the bins of each leaf and finds where they are too large to be noise, worst first.
 ///
 /// Under noise alone `Σ_b n_b m_b²/σ²` is χ² with as many degrees as bins, less what the fit took. One leaf shows strong misfit alone; what
 /// is too weak for that is looked for in the quarters of a leaf and its eight neighbours together, because shape that is left out
-/// without a sign of it is what makes a stated σ too small. With a tolerance, the means' own size decides.
+/// without a sign of it is what makes a stated σ too small; but only once strong misfit is gone. With a tolerance, the means' own size decides.
 fn misfit(
     surface: &Surface,
     feet: &[Foot],
@@ -483,7 +502,7 @@ fn misfit(
     observations: &Observations,
     subset: &[u32],
     options: &FitOptions,
-) -> Misfit {
+) -> Vec<Misfit> {
     let space = surface.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
     let mut residuals = vec![LeafResiduals::default(); space.leaves().len()];
@@ -521,48 +540,46 @@ fn misfit(
             (chi2 - filled + taken.min(0.8 * filled), filled)
         })
         .collect();
-    // Where a leaf is bad: the signs of the corner that holds most of its misfit.
-    let mut worst_corner = vec![None; space.leaves().len()];
+    let (mut strong, mut weak) = (Vec::new(), Vec::new());
     for (leaf, own) in residuals.iter().enumerate() {
         if space.leaves()[leaf].level >= DEEPEST || own.count < LEAST_READINGS {
             continue;
         }
         let (chi2, filled) = own.chi_square(BINS * BINS, Some);
-        let bad = match options.tolerance {
-            None => {
-                chi2 > filled + (SIGNIFICANT * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(own.count)) || {
-                    let (mut excess, mut spread, mut count) = (0.0, 0.0, 0.0);
-                    for other in neighbourhood(space, leaf) {
-                        excess += quarters[other].0;
-                        spread += 2.0 * quarters[other].1;
-                        count += f64::from(residuals[other].count);
-                    }
-                    excess > (POOLED_SIGNIFICANT * f64::sqrt(spread)).max(WORTHWHILE * count)
-                }
-            }
-            Some(tolerance) => own.largest_mean() > tolerance && chi2 > filled + SIGNIFICANT * (2.0 * filled).sqrt(),
+        let found = || Misfit {
+            leaf,
+            severity: (chi2 - filled) / (2.0 * filled).sqrt(),
+            corner: own.worst_corner(),
         };
-        if bad {
-            worst_corner[leaf] = Some(own.worst_corner());
-        }
-    }
-    // One bicubic function of the next level lives on a 2 × 2 block: the block at the corner of each bad leaf that is worst.
-    let mut marked = Vec::new();
-    for (leaf, &cell) in space.leaves().iter().enumerate() {
-        let Some([su, sv]) = worst_corner[leaf] else { continue };
-        for dv in [0.5, 0.5 + sv] {
-            for du in [0.5, 0.5 + su] {
-                let [u, v] = space.parameters(leaf, [du, dv]);
-                let (other, _) = space.locate(u, v);
-                if space.leaves()[other].level <= cell.level {
-                    marked.push(other);
-                }
+        let significant = chi2 > filled + (SIGNIFICANT * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(own.count));
+        if let Some(tolerance) = options.tolerance {
+            if significant && own.largest_mean() > tolerance {
+                strong.push(found());
+            }
+        } else if significant {
+            strong.push(found());
+        } else {
+            let (mut excess, mut spread, mut count) = (0.0, 0.0, 0.0);
+            for other in neighbourhood(space, leaf) {
+                excess += quarters[other].0;
+                spread += 2.0 * quarters[other].1;
+                count += f64::from(residuals[other].count);
+            }
+            if excess > (POOLED_SIGNIFICANT * f64::sqrt(spread)).max(WORTHWHILE * count) {
+                weak.push(found());
             }
         }
     }
-    marked.sort_unstable();
-    marked.dedup();
-    Misfit { marked }
+    let worst_first = |a: &Misfit, b: &Misfit| b.severity.total_cmp(&a.severity).then(a.leaf.cmp(&b.leaf));
+    strong.sort_by(worst_first);
+    // Weak misfit is split too while that leaves most of the budget to stronger misfit yet to be found.
+    let before = strong.len();
+    strong.append(&mut weak);
+    if before >= few(space) && space.refine(&blocks(space, &strong)).node_count() > options.max_coefficients / 2 {
+        strong.truncate(before);
+    }
+    strong.sort_by(worst_first);
+    strong
 }
 
 /// A leaf and those around it, each once.

@@ -1,0 +1,181 @@
+//! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes whatever the threads.
+
+use planish::fit::{Fit, FitOptions, fit};
+use planish::progress::Silent;
+use planish::simulate::{ScanScene, ScanSceneOptions, scans};
+use planish_exchange::{PosedScan, ScanSet};
+use planish_sense::{Noise, Scan, Sensor, SensorKind};
+use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+fn run(set: &ScanSet, shape: Shape) -> Fit {
+    let options = FitOptions {
+        shape: Some(shape),
+        ..FitOptions::default()
+    };
+    fit(set, &options, &Silent).unwrap()
+}
+
+/// Root mean square distance of area-uniform truth points from the surface, where it was measured.
+fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
+    let surface = &fit.model.surface;
+    let search = FootPointSearch::new(surface, 2, 20.0).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(99);
+    let heights: Vec<f64> = scene
+        .truth
+        .sample_area_uniform(4000, &mut rng)
+        .iter()
+        .filter_map(|point| {
+            let start = search.nearest(point.position, point.normal);
+            let foot = surface.project(point.position, start, &ProjectionOptions::default());
+            (!foot.at_border && fit.model.observed[foot.leaf as usize]).then_some(foot.height)
+        })
+        .collect();
+    (heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64).sqrt()
+}
+
+/// Noise of 5 % of the radius lifts readings by 0.25 % of it on average: a radius that is too large if nobody takes that off.
+#[test]
+fn a_noisy_sphere_keeps_its_radius() {
+    let (sigma, count) = (0.05, 40_000);
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let points = (0..count)
+        .map(|n| {
+            let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
+            let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);
+            [r * a.cos(), r * a.sin(), z].map(|x| x + sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng))
+        })
+        .collect();
+    let set = ScanSet {
+        sensors: vec![Sensor {
+            name: "probe".to_owned(),
+            kind: SensorKind::Touch,
+            noise: Some(Noise::Isotropic { sigma }),
+        }],
+        scans: vec![PosedScan {
+            scan: Scan {
+                name: "sphere".to_owned(),
+                points,
+                ..Scan::default()
+            },
+            sensor: 0,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+        }],
+        ..ScanSet::default()
+    };
+    let fit = run(&set, Shape::Ball);
+    let surface = &fit.model.surface;
+    let space = surface.space();
+    let (mut sum, mut area) = (0.0, 0.0);
+    for leaf in 0..space.leaves().len() {
+        let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+        let [e, f, g] = jet.first_form();
+        let weight = space.leaves()[leaf].side().powi(2) * (e * g - f * f).max(0.0).sqrt();
+        sum += weight * jet.point.iter().map(|x| x * x).sum::<f64>().sqrt();
+        area += weight;
+    }
+    let excess = sum / area - 1.0;
+    let standard_error = sigma / f64::from(count).sqrt();
+    println!(
+        "mean radius off by {excess:.2e}, naive bias {:.2e}, standard error {standard_error:.1e}",
+        sigma * sigma
+    );
+    assert!(excess.abs() < 0.3 * sigma * sigma, "mean radius off by {excess}");
+    assert!(!fit.report.sensors[0].sigma_used_is_estimated);
+}
+
+#[test]
+fn a_sensor_that_understates_sigma_threefold_is_found() {
+    for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
+        let scene = scans(&ScanSceneOptions {
+            shape,
+            seed: 11,
+            readings: 20_000,
+            misstated: 3.0,
+            outlier_share: 0.0,
+            ..ScanSceneOptions::default()
+        })
+        .unwrap();
+        let report = run(&scene.set, shape).report;
+        for (sensor, truth) in report.sensors.iter().zip(&scene.sensors) {
+            let stated = sensor.sigma_stated.unwrap();
+            let found = sensor.sigma_estimated / stated;
+            println!(
+                "{shape:?} {}: true σ over stated {}, found {found:.3} from {} readings",
+                sensor.name, truth.misstatement, sensor.observations
+            );
+            if sensor.observations > 1000 {
+                assert!(
+                    (found / truth.misstatement - 1.0).abs() < 0.1,
+                    "{shape:?} {}: {found}",
+                    sensor.name
+                );
+            }
+            assert_eq!(
+                sensor.sigma_used_is_estimated,
+                truth.misstatement > 2.0,
+                "{shape:?} {}",
+                sensor.name
+            );
+        }
+        assert!(
+            report.warnings.iter().any(|w| w.contains("old")),
+            "{:?}",
+            report.warnings
+        );
+    }
+}
+
+#[test]
+fn gross_errors_of_one_reading_in_twenty_change_little() {
+    for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
+        let (mut clean, mut dirty) = (0.0, 0.0);
+        for seed in 0..6 {
+            let rms = |outlier_share: f64| {
+                let scene = scans(&ScanSceneOptions {
+                    shape,
+                    seed,
+                    readings: 20_000,
+                    old_scanner: false,
+                    probe_points: 0,
+                    outlier_share,
+                    ..ScanSceneOptions::default()
+                })
+                .unwrap();
+                rms_against_truth(&scene, &run(&scene.set, shape))
+            };
+            let (without, with) = (rms(0.0), rms(0.05));
+            println!("{shape:?} {seed}: rms against the truth {without:.5} without and {with:.5} with gross errors");
+            clean += without * without;
+            dirty += with * with;
+        }
+        let ratio = (dirty / clean).sqrt();
+        println!("{shape:?}: ratio {ratio:.3}");
+        assert!(
+            (ratio - 1.0).abs() < 0.1,
+            "{shape:?}: gross errors change the rms by a factor {ratio}"
+        );
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit_of_the_model() {
+    let scene = scans(&ScanSceneOptions {
+        readings: 8000,
+        ..ScanSceneOptions::default()
+    })
+    .unwrap();
+    let bits = [1, 2, 3, 2].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let model = pool.install(|| run(&scene.set, Shape::Ball)).model;
+        let vertices = model.surface.vertices().as_flattened().iter();
+        vertices
+            .chain(model.data.values())
+            .map(|x| x.to_bits())
+            .collect::<Vec<u64>>()
+    });
+    assert!(bits.iter().all(|b| *b == bits[0]));
+}
