@@ -296,9 +296,15 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
     let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f)] = columns else {
         return Ok(None);
     };
-    Ok(Some(
-        (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect(),
-    ))
+    let all: Vec<[f64; 6]> = (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect();
+    let possible = |c: &[f64; 6]| c.iter().all(|v| v.is_finite()) && c[0] >= 0.0 && c[3] >= 0.0 && c[5] >= 0.0;
+    if let Some(at) = all.iter().position(|c| !possible(c)) {
+        return Err(Error::input(format!(
+            "vertex {at}: needed a covariance cxx cxy cxz cyy cyz czz, found {}",
+            all[at].map(|v| v.to_string()).join(" ")
+        )));
+    }
+    Ok(Some(all))
 }
 
 fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
@@ -566,3 +572,6 @@ fn observed_vertices(model: &Compared, tolerance: Option<f64>, skipped: &mut Ski
     skipped.model_not_observed = all - kept.len();
     Ok(kept)
 }
+
+#[cfg(test)]
+mod tests;

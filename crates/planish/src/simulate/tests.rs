@@ -603,7 +603,10 @@ fn options_that_make_no_sense_are_refused() {
         assert_eq!(scans(&options).unwrap_err().kind(), kind, "{options:?}");
     }
     let file = tempfile::NamedTempFile::new().unwrap();
-    assert_eq!(write_scans_scene(&good, file.path(), &Silent).unwrap_err().kind(), ErrorKind::Io);
+    assert_eq!(
+        write_scans_scene(&good, file.path(), &Silent).unwrap_err().kind(),
+        ErrorKind::Io
+    );
 }
 
 #[test]

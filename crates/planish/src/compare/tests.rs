@@ -1,0 +1,332 @@
+use super::*;
+use crate::progress::Silent;
+use crate::test_support::{SIGMA, model_of, refined_surface};
+use planish_estimate::ErrorKind;
+use planish_mesh::{grid_sheet, icosphere};
+use planish_spline::{Shape, Surface, SurfaceSystem, leaf_weights};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+fn compared(model: &Compared, reference: Reference) -> ComparisonReport {
+    compare(model, reference, &CompareOptions::default(), &Silent).unwrap()
+}
+
+/// A model of a unit ball, or of a plane of 2 × 1.6 at z = 0 that looks up.
+fn measured(shape: Shape) -> Compared {
+    Compared::Surface(Box::new(model_of(refined_surface(shape), |_| true)))
+}
+
+fn mesh_reference(mesh: TriangleMesh) -> Reference {
+    Reference {
+        normals: Some(mesh.vertex_normals()),
+        points: mesh.positions,
+        triangles: mesh.triangles,
+        ..Reference::default()
+    }
+}
+
+fn points(points: Vec<[f64; 3]>) -> Reference {
+    Reference {
+        points,
+        ..Reference::default()
+    }
+}
+
+fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+#[test]
+fn a_model_outside_its_reference_is_positive_both_ways() {
+    let small = icosphere(0.9, 4);
+    for model in [
+        measured(Shape::Ball),
+        Compared::Mesh(ComparedMesh {
+            mesh: icosphere(1.0, 5),
+            sigma: None,
+            observed: None,
+            unit: None,
+        }),
+    ] {
+        let report = compared(&model, mesh_reference(small.clone()));
+        for found in [report.forward.unwrap(), report.backward.unwrap()] {
+            assert!(
+                (found.mean - 0.1).abs() < 3e-3 && (found.rms - 0.1).abs() < 3e-3,
+                "{found:?}"
+            );
+        }
+        let large = compared(&model, mesh_reference(icosphere(1.1, 4)));
+        assert!(large.forward.unwrap().mean < -0.09 && large.backward.unwrap().mean < -0.09);
+        assert!(report.warnings.is_empty());
+    }
+}
+
+#[test]
+fn signs_follow_the_references_normals_then_the_models() {
+    let model = measured(Shape::Ball);
+    let small = icosphere(0.9, 3);
+    let inward: Vec<[f64; 3]> = small.vertex_normals().into_iter().map(|n| scale(-1.0, n)).collect();
+    let turned = Reference {
+        normals: Some(inward),
+        ..points(small.positions.clone())
+    };
+    let report = compared(&model, turned);
+    assert!(report.backward.unwrap().mean < -0.09);
+    assert!(
+        report.warnings.iter().any(|w| w.contains("other side")),
+        "{:?}",
+        report.warnings
+    );
+    let report = compared(&model, points(small.positions));
+    assert!(report.backward.unwrap().mean > 0.09);
+    assert!(report.forward.is_none());
+    assert!(
+        report.warnings.iter().any(|w| w.contains("no faces")),
+        "{:?}",
+        report.warnings
+    );
+}
+
+/// A plane fitted to readings with errors of `SIGMA`, whose information counts them as `stated` times that.
+fn noisy_plane(seed: u64, stated: f64) -> Compared {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let plane: Surface = refined_surface(Shape::Sheet);
+    let mut model = model_of(plane.clone(), |_| true);
+    let system = SurfaceSystem::new(plane.space()).unwrap();
+    let errors: Vec<[f64; 16]> = (0..plane.space().leaves().len())
+        .map(|_| [0; 16].map(|_| SIGMA * standard_normal(&mut rng)))
+        .collect();
+    let w = (stated * SIGMA).powi(-2);
+    model.data = system
+        .accumulate(|leaf, cell| {
+            for n in 0..16 {
+                let local = [n % 4, n / 4].map(|k| (f64::from(k as u32) + 0.5) / 4.0);
+                let mut point = plane.leaf_point(leaf, local[0], local[1]);
+                point[2] += errors[leaf][n];
+                cell.add_vector(&leaf_weights(local[0], local[1]), point, &[w, 0.0, 0.0, w, 0.0, w]);
+            }
+            true
+        })
+        .unwrap();
+    let mut total = model.data.clone();
+    total.add_scaled(&model.prior, 1.0).unwrap();
+    let mut mean = total.vector().to_vec();
+    system.factorize(&total).unwrap().solve_in_place(&mut mean).unwrap();
+    model.surface = system.surface(&mean).unwrap();
+    Compared::Surface(Box::new(model))
+}
+
+/// Points of the true plane, well inside, with errors of `sigma` along z that are stated.
+fn points_of_plane(rng: &mut ChaCha8Rng, sigma: f64) -> Reference {
+    let on_grid = |k: usize| [-0.85 + 0.1 * (k % 18) as f64, -0.65 + 0.1 * (k / 18) as f64];
+    let made: Vec<[f64; 3]> = (0..18 * 14)
+        .map(|k| {
+            let [x, y] = on_grid(k);
+            [x, y, sigma * standard_normal(rng)]
+        })
+        .collect();
+    Reference {
+        covariance: (sigma > 0.0).then(|| vec![isotropic(sigma); made.len()]),
+        ..points(made)
+    }
+}
+
+/// Mean coverage of many fits.
+fn coverage(stated: f64, reference_sigma: f64) -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(99);
+    let runs = 60;
+    let sum: f64 = (0..runs)
+        .map(|seed| {
+            let reference = points_of_plane(&mut rng, reference_sigma);
+            compared(&noisy_plane(seed, stated), reference).coverage95.unwrap()
+        })
+        .sum();
+    sum / f64::from(runs as u32)
+}
+
+#[test]
+fn ninety_five_per_cent_are_covered_where_sigma_is_true() {
+    // Sixty fits of some forty degrees of freedom each: the mean is known to half a per cent.
+    let found = coverage(1.0, 0.0);
+    assert!((0.94..0.97).contains(&found), "{found}");
+    // A reference with errors of its own that it states.
+    let found = coverage(1.0, SIGMA);
+    assert!((0.94..0.96).contains(&found), "{found}");
+}
+
+#[test]
+fn a_sigma_three_times_too_small_covers_half() {
+    // Φ(1.96/3) − Φ(−1.96/3) = 0.486.
+    let found = coverage(1.0 / 3.0, 0.0);
+    assert!((0.45..0.53).contains(&found), "{found}");
+}
+
+#[test]
+fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let truth = grid_sheet(10.0, 10.0, 100, 100);
+    let heights: Vec<f64> = truth
+        .positions
+        .iter()
+        .map(|_| 1e-3 * standard_normal(&mut rng))
+        .collect();
+    let mut mesh = truth.clone();
+    for (p, h) in mesh.positions.iter_mut().zip(&heights) {
+        p[2] += h;
+    }
+    for (sigma, low, high) in [(1e-3, 0.94, 0.96), (1e-3 / 3.0, 0.46, 0.51)] {
+        let model = Compared::Mesh(ComparedMesh {
+            sigma: Some(vec![sigma; heights.len()]),
+            mesh: mesh.clone(),
+            observed: None,
+            unit: None,
+        });
+        let found = compared(&model, points(truth.positions.clone())).coverage95.unwrap();
+        assert!((low..high).contains(&found), "{sigma}: {found}");
+    }
+}
+
+#[test]
+fn nothing_is_compared_beyond_a_border() {
+    let model = measured(Shape::Sheet);
+    // Three points over the sheet, two beside it.
+    let beside = vec![
+        [0.0, 0.0, 0.1],
+        [0.5, 0.2, 0.1],
+        [-0.5, 0.2, 0.1],
+        [1.5, 0.0, 0.1],
+        [0.0, -2.0, 0.1],
+    ];
+    let report = compared(&model, points(beside));
+    let backward = report.backward.unwrap();
+    assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
+    // The model lies below them, and its normal points up.
+    assert!(
+        (backward.mean + 0.1).abs() < 1e-9 && (backward.max - 0.1).abs() < 1e-9,
+        "{backward:?}"
+    );
+    // A reference of half the size: the rest of the model has no counterpart.
+    let report = compared(&model, mesh_reference(grid_sheet(1.0, 0.8, 8, 8)));
+    let forward = report.forward.unwrap();
+    assert!(
+        report.skipped.model_beyond_border > forward.n && forward.n > 0,
+        "{report:?}"
+    );
+    assert!(forward.max < 1e-9);
+}
+
+#[test]
+fn only_what_was_measured_is_compared() {
+    let surface = refined_surface(Shape::Sheet);
+    let left = |leaf: usize| surface.leaf_point(leaf, 0.5, 0.5)[0] < 0.0;
+    let model = Compared::Surface(Box::new(model_of(surface.clone(), left)));
+    let report = compared(
+        &model,
+        points(vec![[-0.5, 0.0, 0.1], [-0.4, 0.1, 0.1], [0.5, 0.0, 0.1]]),
+    );
+    assert_eq!(
+        (report.backward.unwrap().n, report.skipped.reference_not_observed),
+        (2, 1)
+    );
+    let report = compared(&model, mesh_reference(grid_sheet(4.0, 4.0, 8, 8)));
+    assert!(report.skipped.model_not_observed > 0);
+    let mesh = grid_sheet(2.0, 2.0, 4, 4);
+    let observed = mesh.positions.iter().map(|p| p[0] < 0.1).collect();
+    let model = Compared::Mesh(ComparedMesh {
+        mesh,
+        observed: Some(observed),
+        sigma: None,
+        unit: None,
+    });
+    let report = compared(&model, points(vec![[-0.5, 0.0, 0.1], [0.5, 0.0, 0.1]]));
+    assert_eq!(
+        (report.backward.unwrap().n, report.skipped.reference_not_observed),
+        (1, 1)
+    );
+    assert_eq!(report.coverage95, None);
+}
+
+#[test]
+fn a_reference_in_another_unit_is_converted() {
+    let model = measured(Shape::Ball);
+    let in_unit = |unit: Option<Unit>, factor: f64| {
+        let mut reference = mesh_reference(icosphere(0.9, 3));
+        reference.points.iter_mut().for_each(|p| *p = scale(factor, *p));
+        reference.covariance = Some(vec![isotropic(0.05 * factor); reference.points.len()]);
+        Reference { unit, ..reference }
+    };
+    let plain = compared(&model, in_unit(Some(Unit::Millimetre), 1.0));
+    let metres = compared(&model, in_unit(Some(Unit::Metre), 1e-3));
+    assert!(plain.warnings.is_empty());
+    assert!(
+        metres.warnings.iter().any(|w| w.contains("was converted")),
+        "{:?}",
+        metres.warnings
+    );
+    for (a, b) in [(plain.forward, metres.forward), (plain.backward, metres.backward)] {
+        let (a, b) = (a.unwrap(), b.unwrap());
+        assert!((a.rms - b.rms).abs() < 1e-12 && (a.mean - b.mean).abs() < 1e-12);
+    }
+    assert_eq!(plain.coverage95, metres.coverage95);
+    // A file that names no unit is in that of the option, or of the other file.
+    let options = CompareOptions {
+        unit: Some(Unit::Metre),
+        ..CompareOptions::default()
+    };
+    let asked = compare(&model, in_unit(None, 1e-3), &options, &Silent).unwrap();
+    assert_eq!(
+        (asked.unit, asked.backward.unwrap().n),
+        (Unit::Millimetre, metres.backward.unwrap().n)
+    );
+    assert!((asked.backward.unwrap().rms - plain.backward.unwrap().rms).abs() < 1e-12);
+    assert_eq!(compared(&model, in_unit(None, 1.0)).backward, plain.backward);
+}
+
+#[test]
+fn two_things_apart_share_nothing_to_compare() {
+    let model = measured(Shape::Sheet);
+    let e = compare(
+        &model,
+        points(vec![[50.0, 0.0, 0.0]]),
+        &CompareOptions::default(),
+        &Silent,
+    )
+    .unwrap_err();
+    assert_eq!(e.kind(), ErrorKind::Undetermined);
+    assert!(e.to_string().contains("share nothing"), "{e}");
+}
+
+#[test]
+fn columns_that_cannot_be_are_refused_by_vertex() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, columns: &str, values: &str| {
+        let properties: String = columns.split(' ').map(|c| format!("property double {c}\n")).collect();
+        let path = folder.path().join(name);
+        let text = format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n{values}\n");
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    for (columns, values, words) in [
+        ("x y z sigma", "0 0 0 -1", "vertex 0: needed sigma ≥ 0, found -1"),
+        (
+            "x y z cxx cxy cxz cyy cyz czz",
+            "0 0 0 1 0 0 -1 0 1",
+            "vertex 0: needed a covariance",
+        ),
+        (
+            "x y z cxx cxy cxz cyy cyz czz",
+            "0 0 0 1 0 0 nan 0 1",
+            "vertex 0: needed a covariance",
+        ),
+    ] {
+        let e = Reference::read(&write("a.ply", columns, values)).unwrap_err();
+        assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");
+    }
+    let e = Compared::read(&write("b.ply", "x y z", "0 0 0")).unwrap_err();
+    assert!(e.to_string().contains("found points only"), "{e}");
+    assert_eq!(
+        Compared::read(Path::new("a.stl")).unwrap_err().kind(),
+        ErrorKind::Unsupported
+    );
+}
