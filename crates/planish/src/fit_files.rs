@@ -6,7 +6,7 @@
 use crate::fit::{FitOptions, FitReport, fit, update};
 use crate::model::SurfaceModel;
 use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
-use crate::progress::{Part, Progress};
+use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, read_inputs};
@@ -58,6 +58,20 @@ pub struct FitJobReport {
 /// # Errors
 /// What the readers, [`fit`], [`update`] and the writers report; `Input` also for settings out of range, and for an output that is
 /// an input. Nothing is written unless the fit succeeds.
+///
+/// # Examples
+/// ```no_run
+/// use planish::fit_files::{FitJob, fit_files};
+/// use planish::progress::Silent;
+/// let job = FitJob {
+///     inputs: vec!["top.ply".into(), "side.ply".into()],
+///     outputs: vec!["part.step".into(), "part.planish".into()],
+///     ..FitJob::default()
+/// };
+/// let done = fit_files(&job, &Silent)?;
+/// println!("σ of the surface: {} {}", done.fit.sigma.median, done.unit);
+/// # Ok::<(), planish::Error>(())
+/// ```
 pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     check_settings(job)?;
     let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
@@ -122,7 +136,7 @@ fn write(
     warnings.extend(prepared.warnings.iter().cloned());
     let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
     provenance.push(session(job, set));
-    progress.check("writing", 0.95)?;
+    progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)
 }
 

@@ -205,6 +205,15 @@ pub struct ModelInfo {
 ///
 /// # Errors
 /// As the readers; `Unsupported` for STEP files and other extensions.
+///
+/// # Examples
+/// ```no_run
+/// use planish::info::{Contents, info};
+/// if let Contents::Mesh(mesh) = info("part.ply".as_ref(), None)?.contents {
+///     assert!(mesh.watertight, "{} boundary edges", mesh.boundary_edges);
+/// }
+/// # Ok::<(), planish::Error>(())
+/// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     match extension(path).as_str() {
         "planish" => model(path),

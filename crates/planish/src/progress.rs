@@ -2,6 +2,9 @@
 
 use planish_estimate::{Error, Result};
 
+/// The stage in which files are written, of every job that writes any.
+pub const WRITING_STAGE: &str = "writing";
+
 /// A listener to long work. All methods may be called from the thread that runs the job only.
 pub trait Progress {
     /// A stage has reached a share of the whole job, in `[0, 1]`.

@@ -122,7 +122,7 @@ fn coverage_of(shape: Shape, seeds: std::ops::Range<u64>, readings: usize) -> f6
             at(format!("leaves of level {level}"));
             at(format!(
                 "σ near {:+} octaves of median",
-                (sigma / median).log2().round().clamp(-2.0, 4.0)
+                (sigma / median).log2().round().clamp(-2.0, 4.0) + 0.0
             ));
             at(format!(
                 "bend of radius 1/{:04} length",

@@ -41,13 +41,15 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
 fn a_noisy_sphere_keeps_its_radius() {
     let (sigma, count) = (0.05, 40_000);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let points = (0..count)
+    let normals: Vec<[f64; 3]> = (0..count)
         .map(|n| {
             let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
             let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);
-            [r * a.cos(), r * a.sin(), z].map(|x| x + sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng))
+            [r * a.cos(), r * a.sin(), z]
         })
         .collect();
+    let mut noise = || -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
+    let points = normals.iter().map(|n| n.map(|x| x + noise())).collect();
     let set = ScanSet {
         sensors: vec![Sensor {
             name: "probe".to_owned(),
@@ -58,6 +60,7 @@ fn a_noisy_sphere_keeps_its_radius() {
             scan: Scan {
                 name: "sphere".to_owned(),
                 points,
+                normals: Some(normals),
                 ..Scan::default()
             },
             sensor: 0,
@@ -78,6 +81,7 @@ fn a_noisy_sphere_keeps_its_radius() {
         area += weight;
     }
     let excess = sum / area - 1.0;
+    println!("{:?}", fit.report);
     let standard_error = sigma / f64::from(count).sqrt();
     println!(
         "mean radius off by {excess:.2e}, naive bias {:.2e}, standard error {standard_error:.1e}",
@@ -145,7 +149,13 @@ fn gross_errors_of_one_reading_in_twenty_change_little() {
                     ..ScanSceneOptions::default()
                 })
                 .unwrap();
-                rms_against_truth(&scene, &run(&scene.set, shape))
+                let fit = run(&scene.set, shape);
+                println!(
+                    "{} nodes weight {}",
+                    fit.report.coefficients, fit.report.smoothness_weight
+                );
+                println!("{:?} of {}", fit.report.rejected, fit.report.observations);
+                rms_against_truth(&scene, &fit)
             };
             let (without, with) = (rms(0.0), rms(0.05));
             println!("{shape:?} {seed}: rms against the truth {without:.5} without and {with:.5} with gross errors");

@@ -18,6 +18,8 @@ use std::num::NonZero;
 pub enum Suspicion {
     /// Nothing.
     None,
+    /// A jump in depth to all of its neighbours: a gross error, or dust.
+    Isolated,
     /// Next to a jump in depth: mixed readings and curled edges.
     DepthEdge,
     /// Seen at a grazing angle.
@@ -45,6 +47,9 @@ impl Default for ScanChecks {
         }
     }
 }
+
+/// A reading with fewer neighbours in its grid is no judge of its own isolation.
+const LEAST_NEIGHBOURS: u32 = 4;
 
 /// Normals and suspicions of one scan, in its own frame.
 #[derive(Debug, Clone, Default)]
@@ -118,9 +123,27 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
             _ => false,
         }
     };
+    // One wild reading must not cost its eight neighbours: it is found first and then counts as absent.
+    let mut isolated = vec![false; count];
+    for row in 0..grid.rows {
+        for column in 0..grid.columns {
+            let Some(own) = grid.point(column, row) else { continue };
+            let (mut neighbours, mut jumps) = (0, 0);
+            for r in row.saturating_sub(1)..(row + 2).min(grid.rows) {
+                for c in column.saturating_sub(1)..(column + 2).min(grid.columns) {
+                    if let Some(other) = grid.point(c, r).filter(|&other| other != own) {
+                        neighbours += 1;
+                        jumps += u32::from(is_jump(own, other));
+                    }
+                }
+            }
+            isolated[own] = neighbours >= LEAST_NEIGHBOURS && jumps + 1 >= neighbours;
+        }
+    }
+    let point = |column: usize, row: usize| grid.point(column, row).filter(|&i| !isolated[i]);
     for row in 0..grid.rows.saturating_sub(1) {
         for column in 0..grid.columns.saturating_sub(1) {
-            let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dc, dr)| grid.point(column + dc, row + dr));
+            let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dc, dr)| point(column + dc, row + dr));
             let present: Vec<usize> = corners.iter().flatten().copied().collect();
             if present.len() < 3 {
                 continue;
@@ -165,8 +188,10 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
         }
     }
     geometry.normals = sums.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
-    for (mark, &jump) in geometry.suspicion.iter_mut().zip(&at_jump) {
-        if jump {
+    for (i, mark) in geometry.suspicion.iter_mut().enumerate() {
+        if isolated[i] {
+            *mark = Suspicion::Isolated;
+        } else if at_jump[i] {
             *mark = Suspicion::DepthEdge;
         }
     }

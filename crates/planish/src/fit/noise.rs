@@ -7,6 +7,10 @@ use planish_estimate::{Result, TruncatedNormal, gated_scale};
 /// Stated σ are believed within this factor: real instruments are not specified more sharply.
 const BELIEVED: f64 = 1.1;
 
+/// So many readings to spare can contradict a stated σ: if the fit leaves more than this share of them free.
+const ENOUGH_TO_CONTRADICT: f64 = 20.0;
+const LEAST_REDUNDANCY: f64 = 0.2;
+
 /// The noise of every sensor as the fit knows it now.
 #[derive(Debug, Clone)]
 pub(super) struct SensorNoise {
@@ -41,7 +45,7 @@ impl SensorNoise {
     /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
     ///
     /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is smaller than their number by that.
-    /// While `settled` is false the surface still misses shape, and every sensor's scale is taken from its residuals.
+    /// While `settled` is false the surface still misses shape, and every sensor counts as its residuals say, if worse than stated.
     pub(super) fn estimate(
         observations: &Observations,
         subset: &[u32],
@@ -73,14 +77,20 @@ impl SensorNoise {
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
+            // Readings that the fit follows wherever they go say nothing of their error.
+            let redundancy = 1.0 - degrees[sensor] / normalised.len() as f64;
+            let redundant = redundancy * normalised.len() as f64;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
-            let redundancy = (1.0 - degrees[sensor] / normalised.len() as f64).max(0.1);
-            noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy).max(1e-24);
+            noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(1e-24);
             let ratio = noise.estimated[sensor].sqrt();
-            let standard_error = (0.5 / (normalised.len() as f64 * redundancy)).sqrt() * ratio;
-            let off = ratio > BELIEVED + 3.0 * standard_error || ratio < 1.0 / BELIEVED - 3.0 * standard_error;
-            if !observations.stated[sensor] || !settled {
+            let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
+            let off = redundancy > LEAST_REDUNDANCY
+                && redundant > ENOUGH_TO_CONTRADICT
+                && (ratio > BELIEVED + 3.0 * standard_error || ratio < 1.0 / BELIEVED - 3.0 * standard_error);
+            if !observations.stated[sensor] {
                 noise.used[sensor] = noise.estimated[sensor];
+            } else if !settled {
+                noise.used[sensor] = noise.estimated[sensor].max(1.0);
             } else if off {
                 noise.used[sensor] = noise.estimated[sensor];
                 noise.contradicted[sensor] = true;

@@ -18,6 +18,8 @@ use std::collections::BTreeMap;
 pub enum Rejection {
     /// A coordinate was not finite.
     NotFinite,
+    /// A jump in depth to all of its neighbours.
+    Isolated,
     /// Next to a jump in depth.
     DepthEdge,
     /// Seen at a grazing angle.
@@ -36,6 +38,7 @@ impl Rejection {
     pub fn name(self) -> &'static str {
         match self {
             Self::NotFinite => "not_finite",
+            Self::Isolated => "isolated",
             Self::DepthEdge => "depth_edge",
             Self::Grazing => "grazing",
             Self::NormalMismatch => "normal_mismatch",
@@ -143,6 +146,7 @@ impl Observations {
                 let suspicion = geometry.as_ref().map_or(Suspicion::None, |g| g.suspicion[i]);
                 let cause = match suspicion {
                     Suspicion::None => None,
+                    Suspicion::Isolated => Some(Rejection::Isolated),
                     Suspicion::DepthEdge => Some(Rejection::DepthEdge),
                     Suspicion::Grazing => Some(Rejection::Grazing),
                 };

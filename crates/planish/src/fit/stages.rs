@@ -40,11 +40,13 @@ const LEAST_READINGS: u32 = 8;
 const WORTHWHILE: f64 = 0.02;
 /// A ball grows to no finer leaves than its readings can fill with so many each.
 const READINGS_PER_GROWN_LEAF: usize = 6;
-/// How many standard deviations χ² of a leaf's bins must exceed its mean by.
+/// How many standard deviations of noise the shape shared by a leaf's readings must be.
 const SIGNIFICANT: f64 = 2.5;
 /// The same of the quarters of a leaf and its neighbours. Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with
 /// it at 2 they cover 94.8 %, sheets 95.5 % and balls 95.0 %.
 const POOLED_SIGNIFICANT: f64 = 2.0;
+/// Readings beyond the gate are no sign of shape where they are fewer than this share.
+const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 30;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
@@ -386,7 +388,7 @@ pub(super) fn weights(
 /// A leaf whose residuals hold shape.
 struct Misfit {
     leaf: usize,
-    /// χ² of its own bins, in standard deviations above what noise makes.
+    /// Shared shape of its own bins, in standard deviations of what noise makes.
     severity: f64,
     /// Signs of the corner where it is worst.
     corner: [f64; 2],
@@ -438,28 +440,47 @@ fn blocks(space: &Hierarchy, misfits: &[Misfit]) -> Vec<usize> {
     marked
 }
 
-/// The mean residuals of the bins of one leaf.
+/// The residuals `h` of one bin with weights `w`.
+#[derive(Clone, Copy, Default)]
+struct Bin {
+    /// `Σ w h`, `Σ (w h)²` and `Σ w`.
+    sum: f64,
+    squares: f64,
+    precision: f64,
+    count: f64,
+}
+
+/// The residuals of one leaf, in bins.
 #[derive(Clone, Copy, Default)]
 struct LeafResiduals {
-    sums: [f64; BINS * BINS],
-    precisions: [f64; BINS * BINS],
+    bins: [Bin; BINS * BINS],
     count: u32,
 }
 
 impl LeafResiduals {
-    /// χ² of the bins in which `of` puts any, and how many those are.
-    fn chi_square(&self, bins: usize, of: impl Fn(usize) -> Option<usize>) -> (f64, f64) {
-        let (mut sums, mut precisions) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
-        for bin in 0..BINS * BINS {
+    /// `Σ_b ((Σ w h)² − Σ (w h)²) / Σ w` over the bins in which `of` puts any, and half its variance under noise.
+    ///
+    /// Only products of different readings are left: the mean is zero under any noise that is symmetric and independent, gross errors
+    /// included, and grows with the shape that neighbours share.
+    fn shared_shape(&self, of: impl Fn(usize) -> Option<usize>) -> (f64, f64) {
+        let mut merged = [Bin::default(); BINS * BINS];
+        for (bin, own) in self.bins.iter().enumerate() {
             if let Some(to) = of(bin) {
-                sums[to] += self.sums[bin];
-                precisions[to] += self.precisions[bin];
+                let to = &mut merged[to];
+                to.sum += own.sum;
+                to.squares += own.squares;
+                to.precision += own.precision;
+                to.count += own.count;
             }
         }
-        (0..bins)
-            .filter(|&b| precisions[b] > 0.0)
-            .fold((0.0, 0.0), |(chi2, n), b| {
-                (chi2 + sums[b] * sums[b] / precisions[b], n + 1.0)
+        merged
+            .iter()
+            .filter(|bin| bin.count > 1.0)
+            .fold((0.0, 0.0), |(shape, pairs), bin| {
+                (
+                    shape + (bin.sum * bin.sum - bin.squares) / bin.precision,
+                    pairs + 1.0 - 1.0 / bin.count,
+                )
             })
     }
 
@@ -470,28 +491,27 @@ impl LeafResiduals {
 
     /// The largest mean residual of a bin.
     fn largest_mean(&self) -> f64 {
-        self.sums
+        self.bins
             .iter()
-            .zip(&self.precisions)
-            .filter(|(_, p)| **p > 0.0)
-            .map(|(s, p)| (s / p).abs())
+            .filter(|b| b.count > 0.0)
+            .map(|b| (b.sum / b.precision).abs())
             .fold(0.0, f64::max)
     }
 
     /// The quarter that holds most of the misfit, as the signs of its corner.
     fn worst_corner(&self) -> [f64; 2] {
-        let of = |quarter: usize| {
-            self.chi_square(BINS * BINS, |bin| (Self::quarter(bin) == quarter).then_some(bin))
-                .0
-        };
-        let worst = (0..4).max_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(0);
+        let mut misfit = [0.0; 4];
+        for (bin, b) in self.bins.iter().enumerate().filter(|(_, b)| b.count > 0.0) {
+            misfit[Self::quarter(bin)] += b.sum * b.sum / b.precision;
+        }
+        let worst = (0..4).max_by(|&a, &b| misfit[a].total_cmp(&misfit[b])).unwrap_or(0);
         [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]][worst]
     }
 }
 
 /// Averages residuals over the bins of each leaf and finds where they are too large to be noise, worst first.
 ///
-/// Under noise alone `Σ_b n_b m_b²/σ²` is χ² with as many degrees as bins, less what the fit took. One leaf shows strong misfit alone; what
+/// See [`LeafResiduals::shared_shape`]; what the fit took of it is added. One leaf shows strong misfit alone; what
 /// is too weak for that is looked for in the quarters of a leaf and its eight neighbours together, because shape that is left out
 /// without a sign of it is what makes a stated σ too small; but only once strong misfit is gone. With a tolerance, the means' own size decides.
 fn misfit(
@@ -505,28 +525,42 @@ fn misfit(
 ) -> Vec<Misfit> {
     let space = surface.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
+    let normalised = |k: u32| {
+        let foot = &feet[k as usize];
+        let sensor = observations.sensor(subset[k as usize] as usize);
+        // While shape is missing it inflates every estimate: a stated σ bounds it.
+        let factor = noise.used[sensor].min(if observations.stated[sensor] {
+            1.0
+        } else {
+            f64::INFINITY
+        });
+        let variance = factor * foot.variance;
+        (foot.height.abs() / variance.sqrt(), variance)
+    };
     let mut residuals = vec![LeafResiduals::default(); space.leaves().len()];
     for (leaf, made) in residuals.iter_mut().enumerate() {
-        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
-            let foot = &feet[k as usize];
-            if foot.state != FootState::Good {
+        let good = || {
+            order[start[leaf] as usize..start[leaf + 1] as usize]
+                .iter()
+                .filter(|&&k| feet[k as usize].state == FootState::Good)
+                .map(|&k| (&feet[k as usize], normalised(k)))
+        };
+        // Few far readings are gross errors, many are shape.
+        let far = good().filter(|(_, (r, _))| *r > options.gate).count();
+        let gross = (far as f64) < MOST_GROSS * good().count() as f64;
+        for (foot, (r, variance)) in good() {
+            if gross && r > options.gate {
                 continue;
             }
-            let sensor = observations.sensor(subset[k as usize] as usize);
-            // While shape is missing it inflates every estimate: a stated σ bounds it.
-            let factor = noise.used[sensor].min(if observations.stated[sensor] {
-                1.0
-            } else {
-                f64::INFINITY
-            });
-            let variance = factor * foot.variance;
             // Huber's mean: one wild reading must not split a leaf.
-            let r = foot.height.abs() / variance.sqrt();
             let w = (if r > 3.0 { 3.0 / r } else { 1.0 }) / variance;
             let bin = ((foot.local[1] * BINS as f64) as usize).min(BINS - 1) * BINS
                 + ((foot.local[0] * BINS as f64) as usize).min(BINS - 1);
-            made.sums[bin] += w * foot.height;
-            made.precisions[bin] += w;
+            let bin = &mut made.bins[bin];
+            bin.sum += w * foot.height;
+            bin.squares += (w * foot.height).powi(2);
+            bin.precision += w;
+            bin.count += 1.0;
             made.count += 1;
         }
     }
@@ -536,8 +570,8 @@ fn misfit(
     let quarters: Vec<(f64, f64)> = residuals
         .iter()
         .map(|r| {
-            let (chi2, filled) = r.chi_square(4, |bin| Some(LeafResiduals::quarter(bin)));
-            (chi2 - filled + taken.min(0.8 * filled), filled)
+            let (shape, pairs) = r.shared_shape(|bin| Some(LeafResiduals::quarter(bin)));
+            (shape + taken.min(0.8 * pairs), pairs)
         })
         .collect();
     let (mut strong, mut weak) = (Vec::new(), Vec::new());
@@ -545,13 +579,14 @@ fn misfit(
         if space.leaves()[leaf].level >= DEEPEST || own.count < LEAST_READINGS {
             continue;
         }
-        let (chi2, filled) = own.chi_square(BINS * BINS, Some);
+        let (shape, pairs) = own.shared_shape(Some);
+        let spread = (2.0 * pairs).sqrt();
         let found = || Misfit {
             leaf,
-            severity: (chi2 - filled) / (2.0 * filled).sqrt(),
+            severity: shape / spread.max(1.0),
             corner: own.worst_corner(),
         };
-        let significant = chi2 > filled + (SIGNIFICANT * (2.0 * filled).sqrt()).max(WORTHWHILE * f64::from(own.count));
+        let significant = shape > (SIGNIFICANT * spread).max(WORTHWHILE * f64::from(own.count));
         if let Some(tolerance) = options.tolerance {
             if significant && own.largest_mean() > tolerance {
                 strong.push(found());

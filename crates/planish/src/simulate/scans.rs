@@ -11,7 +11,7 @@
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
-use crate::progress::{Part, Progress, Silent};
+use crate::progress::{Part, Progress, Silent, WRITING_STAGE};
 use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{MeshColumns, write_mesh, write_scan};
@@ -406,7 +406,7 @@ pub fn write_scans_scene(
     // A folder that cannot be made is known before the work.
     make_folder(folder)?;
     let scene = simulate(options, &Part::new(progress, 0.0, 0.7))?;
-    progress.check("writing", 0.7)?;
+    progress.check(WRITING_STAGE, 0.7)?;
     let summary = write_scan_scene(&scene, folder)?;
     progress.advance("done", 1.0);
     Ok(summary)
