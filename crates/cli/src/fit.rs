@@ -201,6 +201,7 @@ fn set_aside(lines: &mut Lines, fit: &FitReport) {
 
 fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
     lines.gap();
+    lines.line(format!("Sensors, along the surface's normals, in {unit}:"));
     let rows: Vec<Vec<String>> = fit
         .sensors
         .iter()
@@ -224,7 +225,7 @@ fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
         &[
             ("sensor", Align::Left),
             ("readings", Align::Right),
-            (&format!("σ stated / {unit}"), Align::Right),
+            ("σ stated", Align::Right),
             ("estimated", Align::Right),
             ("used", Align::Left),
             ("rms residual", Align::Right),

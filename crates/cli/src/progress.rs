@@ -1,7 +1,8 @@
 //! A progress bar for people who wait, and Ctrl-C for those who do not.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use planish::progress::Progress;
+use planish::ErrorKind;
+use planish::progress::{Progress, WRITING_STAGE};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,13 +15,21 @@ const STEPS: u64 = 1000;
 
 /// Set by Ctrl-C.
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// Set while files are written: it takes a moment, and they are to be whole.
+static WRITING: AtomicBool = AtomicBool::new(false);
 
-/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left half-written.
+/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left half-written. Who presses it again
+/// does not wait for the step.
 fn listen_for_ctrl_c() {
     // A second handler in one process, or a system without signals, leaves the default: the process ends at once.
     let _ = ctrlc::set_handler(|| {
         if !INTERRUPTED.swap(true, Ordering::Relaxed) {
-            let _ = writeln!(std::io::stderr(), "\nplanish: stopping at the next step …");
+            let _ = writeln!(
+                std::io::stderr(),
+                "\nplanish: stopping after this step; press Ctrl-C again to stop at once"
+            );
+        } else if !WRITING.load(Ordering::Relaxed) {
+            std::process::exit(i32::from(ErrorKind::Interrupted.exit_code()));
         }
     });
 }
@@ -46,6 +55,7 @@ impl Terminal {
 
 impl Progress for Terminal {
     fn advance(&self, stage: &str, share: f64) {
+        WRITING.store(stage == WRITING_STAGE, Ordering::Relaxed);
         if !self.visible || self.begun.elapsed() < PATIENCE {
             return;
         }

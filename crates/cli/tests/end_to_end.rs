@@ -107,11 +107,7 @@ fn readings_far_from_the_model_are_no_update() {
         &["fit", "far.xyz", "--update", "first.planish", "-o", "second.planish"],
     );
     assert_eq!(said.code, 1, "{}", said.stdout);
-    assert!(
-        said.stderr.contains("far.xyz: the readings lie"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains("far.xyz: the readings lie"), "{}", said.stderr);
     assert!(!folder.path().join("second.planish").exists());
 }
 
