@@ -23,7 +23,7 @@ pub fn print(error: &Error, command: &str) {
     let _ = write!(std::io::stderr().lock(), "{}", text(error, command));
 }
 
-/// The lines that [`print`] prints.
+/// The lines that are printed.
 fn text(error: &Error, command: &str) -> String {
     let mut said = format!("planish: {error}");
     // An error's own words quote its direct cause; deeper ones are added where they say more.

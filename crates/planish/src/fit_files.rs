@@ -3,6 +3,7 @@
 //! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked before anything is read,
 //! and written when everything else has succeeded.
 
+use crate::domain::check_domain;
 use crate::fit::{FitOptions, FitReport, fit, update};
 use crate::model::SurfaceModel;
 use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
@@ -83,6 +84,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     for output in &outputs {
         refuse_input_as_output(&output.path, &read)?;
     }
+    let in_far_places = check_domain(&set, &names(&job.inputs))?;
     let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
     let fitting = Part::new(progress, 0.05, 0.9);
@@ -104,6 +106,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     progress.check("making outputs", 0.9)?;
     let mut report = fitted.report;
     report.warnings.extend(warnings(&set, earlier.as_ref()));
+    report.warnings.extend(in_far_places);
     let written = write(
         job,
         &outputs,
