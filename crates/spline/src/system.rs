@@ -189,10 +189,15 @@ impl SurfaceSystem {
         let information = information.on_pattern(&self.pattern)?;
         let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
         let values = information.values();
+        let scalar = information.block_size() == 1;
         for column in 0..self.pattern.nodes() {
             for (position, &row) in self.pattern.column_range(column).zip(self.pattern.column(column)) {
-                let block = &values[9 * position..9 * position + 9];
                 let (a, b) = (directions[row as usize], directions[column]);
+                if scalar {
+                    out.values_mut()[position] = values[position] * dot(a, b);
+                    continue;
+                }
+                let block = &values[9 * position..9 * position + 9];
                 out.values_mut()[position] = (0..3)
                     .map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b))
                     .sum();

@@ -42,7 +42,7 @@ pub(super) fn finish(
         Some(model) => model.prior.clone(),
         None => {
             let mut prior = system.tangential_hold(&surface, TANGENTIAL_HOLD)?;
-            prior.add_scaled(&energy, weight)?;
+            prior.add_scaled(&energy.expanded(3)?, weight)?;
             prior
         }
     };

@@ -43,7 +43,7 @@ impl Default for FitOptions {
         Self {
             shape: None,
             tolerance: None,
-            max_coefficients: 20_000,
+            max_coefficients: 12_000,
             gate: 4.0,
             held_out_share: 0.1,
             seed: 0,

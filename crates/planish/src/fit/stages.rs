@@ -26,11 +26,11 @@ const ENOUGH_FOR_SHAPE: usize = 30_000;
 /// Iterations between two refinements, and when the mean square step, in variances of the surface, is small enough to go on.
 const FINDING_ITERATIONS: usize = 2;
 const MOST_FINDING_ITERATIONS: usize = 8;
-const FOUND: f64 = 5.0;
+const FOUND: f64 = 30.0;
 /// Iterations at the end.
 const LAST_ITERATIONS: usize = 12;
 /// The surface is at rest when its mean square step is this share of its variance, and its weight has settled to within so much.
-const AT_REST: f64 = 5e-2;
+const AT_REST: f64 = 0.1;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
@@ -51,7 +51,7 @@ const LEAST_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
 const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
-const SAMPLE_PER_LEAF: usize = 30;
+const SAMPLE_PER_LEAF: usize = 12;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
 const MOST_BEND_OF_A_LEAF: f64 = 2.5;
 const STIFFENING: f64 = 100.0;
@@ -67,7 +67,7 @@ pub(super) struct Settled {
     pub feet: Vec<Foot>,
     pub noise: SensorNoise,
     pub weight: f64,
-    /// Thin-plate matrix of three coordinates in the metric of `surface`.
+    /// Thin-plate matrix in the metric of `surface`, the same for each coordinate.
     pub energy: BlockInformation,
     /// Parameters of every observation.
     pub at: Vec<[f64; 2]>,
@@ -290,18 +290,17 @@ pub(super) fn refine_to_noise(
             final_round = true;
             continue;
         }
-        match within_budget(space, &verdict, options.max_coefficients) {
-            Some(finer) if finer.node_count() > space.node_count() => surface = surface.refined(finer.into())?,
-            Some(_) => final_round = true,
-            None => (reached_limit, final_round) = (true, true),
-        }
+        let (finer, all) = within_budget(space, &verdict, options.max_coefficients);
+        reached_limit = !all;
+        final_round = !all || finer.node_count() == space.node_count();
+        surface = surface.refined(finer.into())?;
     }
     unreachable!("the loop ends by returning")
 }
 
 /// The prior's energy at a surface, in its own metric.
 struct BendingEnergy {
-    /// `K ⊗ I₃`.
+    /// `K`, the same for each coordinate; three vectors.
     matrix: BlockInformation,
     leaves: Vec<LeafEnergy>,
     /// `∫ κ1² + κ2² dA` over the leaves that are bent within reason.
@@ -324,7 +323,7 @@ impl BendingEnergy {
                 }
             }
         }
-        let matrix = system.assemble_energy(&leaves)?.expanded(3)?;
+        let matrix = system.assemble_energy(&leaves)?;
         let mut made = Self {
             matrix,
             leaves,
@@ -420,12 +419,12 @@ fn few(space: &Hierarchy) -> usize {
     space.leaves().len().div_ceil(50)
 }
 
-/// Splits as many of the misfits, worst first, as the limit of coefficients allows; none when that is next to nothing.
-fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> Option<Hierarchy> {
+/// Splits as many of the misfits, worst first, as the limit of coefficients allows, and says whether those were all.
+fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarchy, bool) {
     let split = |count: usize| space.refine(&blocks(space, &misfits[..count]));
     let all = split(misfits.len());
     if all.node_count() <= most {
-        return Some(all);
+        return (all, true);
     }
     let (mut fits, mut too_many) = (0, misfits.len());
     while too_many - fits > few(space).div_ceil(8) {
@@ -436,7 +435,7 @@ fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> Option<H
             too_many = middle;
         }
     }
-    (fits > 0).then(|| split(fits))
+    (split(fits), false)
 }
 
 /// One bicubic function of the next level lives on a 2 × 2 block: the block at the worst corner of each leaf.
