@@ -511,7 +511,7 @@ mod tests {
     fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
         let mut file = to_file(&small_model(Shape::Ball), &[session()]).unwrap();
         change(&mut file);
-        let e = from_file(file).err().expect("the change is damage");
+        let e = from_file(file).expect_err("the change is damage");
         assert_eq!(e.kind(), ErrorKind::Input, "{e}");
         e.to_string()
     }
