@@ -78,13 +78,15 @@ fn mesh_of_size(
     };
     let affordable = affordable_tolerance(&model.surface, wanted, most)?;
     if affordable > wanted {
-        let (whose, way_out) = match tolerance {
-            Some(_) => ("asked for", ""),
-            None => ("of half its median σ", "; ask for it with --mesh-tolerance"),
+        let (goal, way_out) = match tolerance {
+            Some(_) => (format!("the {wanted:.2e} {unit} asked for"), ""),
+            None => (
+                format!("half its median σ, {wanted:.2e} {unit}"),
+                "; ask for it with --mesh-tolerance",
+            ),
         };
         warnings.push(format!(
-            "the mesh follows the surface within {affordable:.2e} {unit}, not within the {wanted:.2e} {unit} {whose}: that takes more than \
-             {most} triangles{way_out}"
+            "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more than {most} triangles{way_out}"
         ));
     }
     let tolerance = affordable;
