@@ -171,7 +171,7 @@ pub struct FitArgs {
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 20_000, value_parser = coefficients,
+        default_value_t = 12_000, value_parser = coefficients,
         allow_negative_numbers = true,
         help_heading = "Surface"
     )]
