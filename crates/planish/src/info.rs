@@ -186,7 +186,7 @@ pub struct ModelInfo {
     pub area: f64,
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
-    /// Around the control vertices: the surface lies inside.
+    /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]
     pub bounds: Option<BoxInfo>,
     /// σ along the normal, where measured.
@@ -410,7 +410,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             observations: model.observations,
             area,
             observed_area_fraction: measured / area,
-            bounds: bounds(surface.vertices()),
+            bounds: bounds(&points_of_cells(surface)),
             sigma,
             smoothness_weight: model.smoothness_weight,
             sensors: model.sensors.clone(),
@@ -419,6 +419,13 @@ fn model(path: &Path) -> Result<FileInfo> {
         })),
         warnings: Vec::new(),
     })
+}
+
+/// Nine by nine points of every cell, its corners among them.
+fn points_of_cells(surface: &planish_spline::Surface) -> Vec<[f64; 3]> {
+    (0..surface.space().leaves().len())
+        .flat_map(|leaf| (0..81).map(move |k| surface.leaf_point(leaf, f64::from(k % 9) / 8.0, f64::from(k / 9) / 8.0)))
+        .collect()
 }
 
 fn bounds(points: &[[f64; 3]]) -> Option<BoxInfo> {

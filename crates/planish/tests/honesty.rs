@@ -1,5 +1,8 @@
 //! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes whatever the threads.
 
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
 use planish::fit::{Fit, FitOptions, fit};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -81,7 +84,6 @@ fn a_noisy_sphere_keeps_its_radius() {
         area += weight;
     }
     let excess = sum / area - 1.0;
-    println!("{:?}", fit.report);
     let standard_error = sigma / f64::from(count).sqrt();
     println!(
         "mean radius off by {excess:.2e}, naive bias {:.2e}, standard error {standard_error:.1e}",
@@ -154,7 +156,6 @@ fn gross_errors_of_one_reading_in_twenty_change_little() {
                     "{} nodes weight {}",
                     fit.report.coefficients, fit.report.smoothness_weight
                 );
-                println!("{:?} of {}", fit.report.rejected, fit.report.observations);
                 rms_against_truth(&scene, &fit)
             };
             let (without, with) = (rms(0.0), rms(0.05));

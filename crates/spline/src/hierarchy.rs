@@ -850,12 +850,15 @@ struct Walk<'a> {
     hierarchy: &'a Hierarchy,
     active: &'a [Vec<u32>],
     inside: &'a [Vec<bool>],
-    leaves: Vec<(Cell, Vec<(u32, [f64; 16])>)>,
+    leaves: Vec<(Cell, Coefficients)>,
 }
+
+/// Functions with their sixteen coefficients on a cell.
+type Coefficients = Vec<(u32, [f64; 16])>;
 
 impl Walk<'_> {
     /// `list`: functions of coarser levels with their coefficients on this cell, not yet truncated at this level.
-    fn descend(&mut self, cell: Cell, mut list: Vec<(u32, [f64; 16])>) {
+    fn descend(&mut self, cell: Cell, mut list: Coefficients) {
         let level = usize::from(cell.level);
         let [fu, _] = self.hierarchy.function_grid(level);
         let mut own = [NOT_A_LEAF; 16];

@@ -25,8 +25,8 @@ pub(super) const MOST_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
-/// The weakest blur, in grid cells of the indicator: at 1.2 thin ear tips end 6 mm short.
-const LAST_BLUR_CELLS: f64 = 0.7;
+/// The weakest blur, in grid cells of the indicator: at 1.2 thin ear tips end 6 mm short, at 0.7 a film stays between two ears.
+const LAST_BLUR_CELLS: f64 = 0.85;
 /// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
 const INWARD_SHARE: f64 = 0.3;
 /// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the base.

@@ -28,7 +28,7 @@ const FINDING_ITERATIONS: usize = 2;
 const MOST_FINDING_ITERATIONS: usize = 8;
 const FOUND: f64 = 30.0;
 /// Iterations at the end.
-const LAST_ITERATIONS: usize = 12;
+const LAST_ITERATIONS: usize = 7;
 /// The surface is at rest when its mean square step is this share of its variance, and its weight has settled to within so much.
 const AT_REST: f64 = 0.1;
 const WEIGHT_AT_REST: f64 = 0.02;
@@ -89,7 +89,7 @@ pub(super) fn settle(observations: &Observations, options: &FitOptions, progress
     progress.check("first shape", 0.02)?;
     let surface = if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
-        let cells = |level: usize| grid[0] * grid[1] << (2 * level);
+        let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
         let least_area = (LEAST_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
         let levels = (1..=MOST_LEVELS)
