@@ -18,8 +18,8 @@ use planish_spline::{Surface, TessellationOptions, least_triangles, quadrature, 
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Default meshes have about this many triangles at most: a file of some 25 MB.
-pub const MOST_DEFAULT_TRIANGLES: u64 = 600_000;
+/// Default meshes have about this many triangles at most: a file of some 40 MB.
+pub const MOST_DEFAULT_TRIANGLES: u64 = 1_000_000;
 /// Meshes that were asked for by their tolerance have about this many at most: a gigabyte.
 pub const MOST_TRIANGLES: u64 = 20_000_000;
 
