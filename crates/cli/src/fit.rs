@@ -2,7 +2,7 @@
 
 use crate::args::FitArgs;
 use crate::numbers::{count, counted, percent, significant};
-use crate::report::{self, Align, Lines, Summary};
+use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use planish::fit::{FitOptions, FitReport, FitTermination};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
@@ -206,19 +206,9 @@ fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
         .sensors
         .iter()
         .map(|sensor| {
-            vec![
-                sensor.name.clone(),
-                count(sensor.observations),
-                sensor.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
-                significant(sensor.sigma_estimated, 3),
-                if sensor.sigma_used_is_estimated {
-                    "estimated"
-                } else {
-                    "stated"
-                }
-                .to_owned(),
-                significant(sensor.rms, 3),
-            ]
+            let mut cells = sensor_cells(sensor).to_vec();
+            cells.push(significant(sensor.rms, 3));
+            cells
         })
         .collect();
     lines.table(

@@ -2,7 +2,7 @@
 
 use crate::args::InfoArgs;
 use crate::numbers::{count, counted, percent, significant};
-use crate::report::{self, Align, Lines, Summary};
+use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use planish::info::{BoxInfo, Contents, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo, info};
 use planish::progress::Progress;
 use planish::{Result, Unit};
@@ -272,20 +272,7 @@ fn of_model(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
     let rows: Vec<Vec<String>> = model
         .sensors
         .iter()
-        .map(|s| {
-            vec![
-                s.name.clone(),
-                count(s.observations),
-                s.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
-                significant(s.sigma_estimated, 3),
-                if s.sigma_used_is_estimated {
-                    "estimated"
-                } else {
-                    "stated"
-                }
-                .to_owned(),
-            ]
-        })
+        .map(|sensor| sensor_cells(sensor).to_vec())
         .collect();
     lines.table(
         &[

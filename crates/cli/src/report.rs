@@ -2,7 +2,9 @@
 
 use crate::args::CommonArgs;
 use crate::failure;
+use crate::numbers::{count, significant};
 use crate::progress::Terminal;
+use planish::model::SensorReport;
 use planish::progress::Progress;
 use planish::{Error, ErrorKind, Result, Unit};
 use serde::Serialize;
@@ -147,6 +149,22 @@ fn json<'a, B: Serialize>(
         outputs,
         body,
     }
+}
+
+/// A sensor's name, readings, σ stated and estimated, and which of the two was used: the cells that tables of sensors share.
+pub fn sensor_cells(sensor: &SensorReport) -> [String; 5] {
+    let used = if sensor.sigma_used_is_estimated {
+        "estimated"
+    } else {
+        "stated"
+    };
+    [
+        sensor.name.clone(),
+        count(sensor.observations),
+        sensor.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
+        significant(sensor.sigma_estimated, 3),
+        used.to_owned(),
+    ]
 }
 
 fn kind_name(kind: ErrorKind) -> &'static str {

@@ -6,7 +6,7 @@
 //! Not guaranteed: anything about STEP files, which are written here but not read.
 
 use crate::fit::SigmaSummary;
-use crate::mesh_output::{leaf_area, sigma_summary};
+use crate::mesh_output::sigma_summary;
 use crate::model::{PoseReport, SensorReport};
 use crate::output::extension;
 use crate::saved::{SavedModel, Session, load_with_provenance};
@@ -390,7 +390,7 @@ fn model(path: &Path) -> Result<FileInfo> {
         .map_err(|e| e.in_context(path.display()))?;
     let surface = &model.surface;
     let space = surface.space();
-    let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| leaf_area(surface, leaf)).collect();
+    let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| surface.leaf_area(leaf)).collect();
     let area: f64 = areas.iter().sum();
     let measured: f64 = areas
         .iter()

@@ -10,12 +10,11 @@
 use crate::fit::SigmaSummary;
 use crate::model::{Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::ply::{Column, MeshColumns, write_mesh};
 use planish_mesh::TriangleMesh;
-use planish_spline::{Surface, TessellationOptions, least_triangles, quadrature, tessellate};
-use rayon::prelude::*;
+use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
 
 /// Default meshes have about this many triangles at most: a file of some 40 MB.
@@ -147,49 +146,7 @@ pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f
 /// # Errors
 /// `Undetermined` when the surface has no area.
 pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<SigmaSummary> {
-    let any = model.observed.contains(&true);
-    let surface = &model.surface;
-    let mut by_area: Vec<(f64, f64)> = (0..model.observed.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .filter(|&leaf| model.observed[leaf] || !any)
-        .map(|leaf| {
-            let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
-            let sigma = Posterior::sigma_along(&posterior.leaf(leaf)?, [0.5, 0.5], normal);
-            Ok((sigma, leaf_area(surface, leaf)))
-        })
-        .collect::<Result<_>>()?;
-    by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
-    by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let Some(&(max, _)) = by_area.last() else {
-        return Err(Error::undetermined("the surface has no area whose σ could be told"));
-    };
-    let total: f64 = by_area.iter().map(|(_, area)| area).sum();
-    let quantile = |share: f64| {
-        let mut sum = 0.0;
-        let found = by_area.iter().find(|(_, area)| {
-            sum += area;
-            sum >= share * total
-        });
-        found.map_or(max, |(sigma, _)| *sigma)
-    };
-    Ok(SigmaSummary {
-        median: quantile(0.5),
-        p95: quantile(0.95),
-        max,
-    })
-}
-
-/// The area of a leaf.
-pub(crate) fn leaf_area(surface: &Surface, leaf: usize) -> f64 {
-    let side = surface.space().leaves()[leaf].side();
-    let rule = quadrature();
-    rule.iter()
-        .map(|q| {
-            let [e, f, g] = surface.leaf_jet(leaf, q.local[0], q.local[1]).first_form();
-            q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
-        })
-        .sum()
+    posterior.sigma_summary(&model.observed)
 }
 
 /// Writes a model's mesh as PLY.

@@ -7,6 +7,7 @@ use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_spline::{Surface, SurfaceSystem, leaf_weights};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What a fit says of one sensor.
@@ -24,6 +25,17 @@ pub struct SensorReport {
     pub rms: f64,
     /// Whether the fit used the estimated σ: it was not stated, or the data contradict it.
     pub sigma_used_is_estimated: bool,
+}
+
+/// Quantiles of the surface's σ along its normal, over its measured area.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SigmaSummary {
+    /// The median.
+    pub median: f64,
+    /// The 95th percentile.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
 }
 
 /// The pose of a scan.
@@ -126,14 +138,42 @@ impl<'a> Posterior<'a> {
         &self.model.surface
     }
 
-    /// `tr(Λ⁻¹ Λ_data)`: how many degrees of freedom the data determine.
+    /// σ along the normal at the middle of every leaf that counts as observed (of every leaf where none does), by area.
     ///
     /// # Errors
-    /// `Input` when the data have another pattern than the surface, which a model made here never shows.
-    pub fn degrees_of_data(&self) -> Result<f64> {
-        let system = SurfaceSystem::new(self.model.surface.space())?;
-        self.inverse
-            .trace_with(&system.contract(&self.model.data, &self.directions)?)
+    /// `Undetermined` when the surface has no area there.
+    pub fn sigma_summary(&self, observed: &[bool]) -> Result<SigmaSummary> {
+        let any = observed.contains(&true);
+        let surface = self.surface();
+        let mut by_area: Vec<(f64, f64)> = (0..observed.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .filter(|&leaf| observed[leaf] || !any)
+            .map(|leaf| {
+                let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
+                let sigma = Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], normal);
+                Ok((sigma, surface.leaf_area(leaf)))
+            })
+            .collect::<Result<_>>()?;
+        by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
+        by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some(&(max, _)) = by_area.last() else {
+            return Err(Error::undetermined("the surface has no area whose σ could be told"));
+        };
+        let total: f64 = by_area.iter().map(|(_, area)| area).sum();
+        let quantile = |share: f64| {
+            let mut sum = 0.0;
+            let found = by_area.iter().find(|(_, area)| {
+                sum += area;
+                sum >= share * total
+            });
+            found.map_or(max, |(sigma, _)| *sigma)
+        };
+        Ok(SigmaSummary {
+            median: quantile(0.5),
+            p95: quantile(0.95),
+            max,
+        })
     }
 
     /// σ of the surface point at leaf-local coordinates along a unit direction.

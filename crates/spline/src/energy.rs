@@ -70,6 +70,19 @@ pub fn quadrature() -> [QuadraturePoint; 16] {
 }
 
 impl Surface {
+    /// The area of a leaf, by the rule of [`quadrature`].
+    #[must_use]
+    pub fn leaf_area(&self, leaf: usize) -> f64 {
+        let side = self.space().leaves()[leaf].side();
+        quadrature()
+            .iter()
+            .map(|q| {
+                let [e, f, g] = self.leaf_jet(leaf, q.local[0], q.local[1]).first_form();
+                q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
+            })
+            .sum()
+    }
+
     /// The thin-plate forms of all leaves of `space` in the metric of this surface.
     ///
     /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a leaf, in parallel.

@@ -1,6 +1,7 @@
 //! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
 
 use super::observations::Observations;
+use crate::point_sigmas::order_by_leaf;
 use planish_estimate::Result;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
@@ -104,21 +105,7 @@ pub(super) fn project(
 
 /// Positions in `feet` sorted by leaf: leaf `l` has `order[start[l] .. start[l + 1]]`.
 pub(super) fn by_leaf(feet: &[Foot], leaves: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut start = vec![0_u32; leaves + 1];
-    for foot in feet {
-        start[foot.leaf as usize + 1] += 1;
-    }
-    for leaf in 0..leaves {
-        start[leaf + 1] += start[leaf];
-    }
-    let mut next = start.clone();
-    let mut order = vec![0_u32; feet.len()];
-    for (k, foot) in feet.iter().enumerate() {
-        let slot = &mut next[foot.leaf as usize];
-        order[*slot as usize] = k as u32;
-        *slot += 1;
-    }
-    (start, order)
+    order_by_leaf(feet.iter().map(|foot| foot.leaf), leaves)
 }
 
 /// Data information of projected points, each with its own weight (information of its height; zero leaves it out).

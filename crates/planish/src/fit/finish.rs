@@ -1,13 +1,13 @@
 //! From a settled surface to a model with its covariance and the report.
 //!
-//! Comes in: a [`Settled`] surface. Goes out: the posterior of all three coordinates of every vertex, linearised at itself, and
+//! Comes in: a [`Settled`] surface. Goes out: the model with its information, linearised at itself, and
 //! the figures by which a user judges it.
 
 use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
 use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
-use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, SigmaSummary};
+use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
@@ -15,8 +15,6 @@ use planish_exchange::{ScanSet, Unit};
 use planish_spline::{FootPointSearch, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 
-/// σ of tangential motion, as a share of a leaf's size.
-const TANGENTIAL_HOLD: f64 = 0.5;
 /// Makes the model and reports; `earlier` is the model that the scans add to.
 pub(super) fn finish(
     set: &ScanSet,
@@ -33,19 +31,11 @@ pub(super) fn finish(
         feet,
         mut noise,
         weight,
-        energy,
+        prior,
         mut at,
         reached_limit,
         reached_tolerance,
     } = settled;
-    let prior = match earlier {
-        Some(model) => model.prior.clone(),
-        None => {
-            let mut prior = system.tangential_hold(&surface, TANGENTIAL_HOLD)?;
-            prior.add_scaled(&energy.expanded(3)?, weight)?;
-            prior
-        }
-    };
     progress.check("information", 0.9)?;
     let information = weights(observations, &subset, &feet, &noise, options.gate, false);
     let mut data = accumulate(&system, &surface, &feet, &information)?;
@@ -76,8 +66,6 @@ pub(super) fn finish(
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
-
-    let information = weights(observations, &subset, &feet, &noise, options.gate, false);
     let mut observed = observed_leaves(surface, &feet, &information);
     if let Some(model) = earlier {
         for (now, before) in observed.iter_mut().zip(&model.observed) {
@@ -99,7 +87,12 @@ pub(super) fn finish(
         }
     }
     let held_out = judge(&posterior, observations, &noise, &mut at, options.gate)?;
-    let sigma = sigma_summary(&posterior, &observed)?;
+    if !observed.contains(&true) {
+        return Err(Error::undetermined(
+            "no part of the surface was measured: every reading was gated",
+        ));
+    }
+    let sigma = posterior.sigma_summary(&observed)?;
     let areas = leaf_areas(surface);
     let total_area: f64 = areas.iter().sum();
     let observed_area: f64 = areas.iter().zip(&observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
@@ -213,7 +206,7 @@ pub(super) fn place(
         feet,
         noise,
         weight: model.smoothness_weight,
-        energy: model.prior.clone(),
+        prior: model.prior.clone(),
         at,
         reached_limit: false,
         reached_tolerance: false,
@@ -298,44 +291,6 @@ fn judge(
     Ok(HeldOut {
         n,
         rms_normalised: (mean_square / kept_variance(gate)?).sqrt(),
-    })
-}
-
-/// σ along the normal at the middle of every observed leaf, by area.
-fn sigma_summary(posterior: &Posterior<'_>, observed: &[bool]) -> Result<SigmaSummary> {
-    let surface = posterior.surface();
-    let areas = leaf_areas(surface);
-    let mut by_area: Vec<(f64, f64)> = (0..observed.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .filter(|&leaf| observed[leaf])
-        .map(|leaf| {
-            let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
-            let cell = posterior.leaf(leaf)?;
-            Ok((Posterior::sigma_along(&cell, [0.5, 0.5], normal), areas[leaf]))
-        })
-        .collect::<Result<_>>()?;
-    if by_area.is_empty() {
-        return Err(Error::undetermined(
-            "no part of the surface was measured: every reading was gated",
-        ));
-    }
-    by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let total: f64 = by_area.iter().map(|(_, a)| a).sum();
-    let quantile = |p: f64| {
-        let mut sum = 0.0;
-        by_area
-            .iter()
-            .find(|(_, a)| {
-                sum += a;
-                sum >= p * total
-            })
-            .map_or(by_area[by_area.len() - 1].0, |(s, _)| *s)
-    };
-    Ok(SigmaSummary {
-        median: quantile(0.5),
-        p95: quantile(0.95),
-        max: by_area[by_area.len() - 1].0,
     })
 }
 

@@ -8,6 +8,7 @@ mod noise;
 mod observations;
 mod stages;
 
+pub use crate::model::SigmaSummary;
 pub use observations::{ObservationOptions, Observations, Rejection};
 
 use crate::model::SurfaceModel;
@@ -75,17 +76,6 @@ pub struct HeldOut {
     pub rms_normalised: f64,
 }
 
-/// Quantiles of the surface's σ along its normal, over its measured area.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct SigmaSummary {
-    /// The median.
-    pub median: f64,
-    /// The 95th percentile.
-    pub p95: f64,
-    /// The largest.
-    pub max: f64,
-}
-
 /// The figures of a fit: the keys of the JSON summary.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FitReport {
@@ -138,9 +128,17 @@ pub struct Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let observations = observe(set, options)?;
+    progress.check("normals", 0.01)?;
+    let settled = stages::settle(&observations, options, progress)?;
+    finish::finish(set, &observations, settled, options, None, progress)
+}
+
+/// The observations of a set of scans, some of them held out.
+fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
     let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
     let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    let observations = Observations::new(
+    Observations::new(
         &scans,
         &sensor_of_scan,
         &set.sensors,
@@ -149,10 +147,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
             seed: options.seed,
             checks: options.checks,
         },
-    )?;
-    progress.check("normals", 0.01)?;
-    let settled = stages::settle(&observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, progress)
+    )
 }
 
 /// Adds the scans of another day to a model: its hierarchy stays, information adds, the prior counts once.
@@ -169,18 +164,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             model.unit.name()
         )));
     }
-    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
-    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    let observations = Observations::new(
-        &scans,
-        &sensor_of_scan,
-        &set.sensors,
-        &ObservationOptions {
-            held_out_share: options.held_out_share,
-            seed: options.seed,
-            checks: options.checks,
-        },
-    )?;
+    let observations = observe(set, options)?;
     progress.check("normals", 0.1)?;
     let settled = finish::place(model, &observations, options, progress)?;
     finish::finish(set, &observations, settled, options, Some(model), progress)

@@ -14,7 +14,6 @@ use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use planish_spline::{
     BaseShape, FootPointSearch, Hierarchy, LeafEnergy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights,
-    quadrature,
 };
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -55,6 +54,8 @@ const SAMPLE_PER_LEAF: usize = 12;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
 const MOST_BEND_OF_A_LEAF: f64 = 2.5;
 const STIFFENING: f64 = 100.0;
+/// σ of tangential motion, as a share of a leaf's size.
+const TANGENTIAL_HOLD: f64 = 0.5;
 /// Deepest level below the base grid.
 const DEEPEST: u8 = 7;
 
@@ -67,8 +68,8 @@ pub(super) struct Settled {
     pub feet: Vec<Foot>,
     pub noise: SensorNoise,
     pub weight: f64,
-    /// Thin-plate matrix in the metric of `surface`, the same for each coordinate.
-    pub energy: BlockInformation,
+    /// The prior's information of all three coordinates.
+    pub prior: BlockInformation,
     /// Parameters of every observation.
     pub at: Vec<[f64; 2]>,
     pub reached_limit: bool,
@@ -258,6 +259,8 @@ pub(super) fn refine_to_noise(
             )?;
             // The prior of the model that goes out is that of its own metric.
             let energy = BendingEnergy::new(&system, &surface)?;
+            let mut prior = system.tangential_hold(&surface, TANGENTIAL_HOLD)?;
+            prior.add_scaled(&energy.matrix.expanded(3)?, weight_now)?;
             return Ok(Settled {
                 surface,
                 system,
@@ -265,7 +268,7 @@ pub(super) fn refine_to_noise(
                 feet,
                 noise,
                 weight: weight_now,
-                energy: energy.matrix,
+                prior,
                 at,
                 reached_limit,
                 reached_tolerance,
@@ -676,20 +679,9 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
     observed
 }
 
-/// Area of each leaf, and σ at its middle quadrature points left to the caller.
+/// Area of each leaf.
 pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
-    let space = surface.space();
-    (0..space.leaves().len())
-        .map(|leaf| {
-            let side = space.leaves()[leaf].side();
-            quadrature()
-                .iter()
-                .map(|q| {
-                    let jet = surface.leaf_jet(leaf, q.local[0], q.local[1]);
-                    let [e, f, g] = jet.first_form();
-                    q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
-                })
-                .sum()
-        })
+    (0..surface.space().leaves().len())
+        .map(|leaf| surface.leaf_area(leaf))
         .collect()
 }
