@@ -178,9 +178,13 @@ fn kind_name(kind: ErrorKind) -> &'static str {
 }
 
 fn set_threads(common: &CommonArgs) -> Result<()> {
+    // The work runs on a thread of the pool: handing every small task over to others would cost more than some tasks.
+    let pool = rayon::ThreadPoolBuilder::new().use_current_thread();
     match common.threads {
-        None => Ok(()),
-        Some(threads) => rayon::ThreadPoolBuilder::new()
+        None => pool
+            .build_global()
+            .map_err(|e| Error::input("threads could not be started").with_source(e)),
+        Some(threads) => pool
             .num_threads(threads)
             .build_global()
             .map_err(|e| Error::input(format!("{threads} threads could not be started: ask for fewer")).with_source(e)),

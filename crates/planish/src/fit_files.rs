@@ -5,7 +5,7 @@
 
 use crate::domain::check_domain;
 use crate::fit::{FitOptions, FitReport, fit, update};
-use crate::model::SurfaceModel;
+use crate::model::{Posterior, SurfaceModel};
 use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
@@ -104,7 +104,8 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         refuse_strangers(job, &earlier.model, &fitted.report)?;
     }
     progress.check("making outputs", 0.9)?;
-    let mut report = fitted.report;
+    let posterior = fitted.posterior();
+    let mut report = fitted.report.clone();
     report.warnings.extend(warnings(&set, earlier.as_ref()));
     report.warnings.extend(in_far_places);
     let written = write(
@@ -112,7 +113,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         &outputs,
         &set,
         earlier,
-        &fitted.model,
+        (&fitted.model, &posterior),
         progress,
         &mut report.warnings,
     )?;
@@ -131,11 +132,11 @@ fn write(
     outputs: &[PlannedOutput],
     set: &ScanSet,
     earlier: Option<SavedModel>,
-    model: &SurfaceModel,
+    (model, posterior): (&SurfaceModel, &Posterior<'_>),
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<WrittenFile>> {
-    let prepared = prepare(model, outputs, job.mesh_tolerance)?;
+    let prepared = prepare(model, posterior, outputs, job.mesh_tolerance)?;
     warnings.extend(prepared.warnings.iter().cloned());
     let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
     provenance.push(session(job, set));

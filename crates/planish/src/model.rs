@@ -9,6 +9,7 @@ use planish_exchange::Unit;
 use planish_spline::{Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What a fit says of one sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,7 +84,12 @@ pub struct SurfaceModel {
 /// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of position determine. Motion along
 /// the surface only renames its points, so it is held; see `DESIGN.md`.
 pub struct Posterior<'a> {
-    model: &'a SurfaceModel,
+    surface: &'a Surface,
+    covariance: Arc<NodeCovariance>,
+}
+
+/// The covariance of a surface's vertices along their normals, where they share a leaf.
+pub struct NodeCovariance {
     inverse: SelectedInverse,
     directions: Vec<[f64; 3]>,
 }
@@ -101,33 +107,49 @@ impl SurfaceModel {
     /// # Errors
     /// `Undetermined` when prior and data leave a vertex open.
     pub fn posterior(&self) -> Result<Posterior<'_>> {
-        let system = SurfaceSystem::new(self.surface.space())?;
+        let covariance = self.covariance(&SurfaceSystem::new(self.surface.space())?)?;
+        Ok(Posterior::new(&self.surface, Arc::new(covariance)))
+    }
+
+    /// What [`SurfaceModel::posterior`] is made of, by the equations of the surface's own hierarchy.
+    pub(crate) fn covariance(&self, system: &SurfaceSystem) -> Result<NodeCovariance> {
         let directions = system.node_normals(&self.surface);
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
         let factor = system.factorize_scalar(&total)?;
-        Ok(Posterior {
-            model: self,
+        Ok(NodeCovariance {
             inverse: SelectedInverse::new(&factor),
             directions,
         })
     }
 }
 
+impl NodeCovariance {
+    /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
+    pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
+        self.inverse
+            .trace_with(&system.contract(information, &self.directions)?)
+    }
+}
+
 impl<'a> Posterior<'a> {
+    pub(crate) fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
+        Self { surface, covariance }
+    }
+
     /// The covariance of a leaf's nodes.
     ///
     /// # Errors
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
-        let (nodes, weights) = self.model.surface.space().extraction(leaf);
-        let covariance = self
-            .inverse
+        let (nodes, weights) = self.surface.space().extraction(leaf);
+        let NodeCovariance { inverse, directions } = &*self.covariance;
+        let covariance = inverse
             .dense(nodes)
             .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
         Ok(LeafCovariance {
             weights,
-            directions: nodes.iter().map(|&n| self.directions[n as usize]).collect(),
+            directions: nodes.iter().map(|&n| directions[n as usize]).collect(),
             covariance,
         })
     }
@@ -135,7 +157,7 @@ impl<'a> Posterior<'a> {
     /// The surface that this is the covariance of.
     #[must_use]
     pub fn surface(&self) -> &'a Surface {
-        &self.model.surface
+        self.surface
     }
 
     /// σ along the normal at the middle of every leaf that counts as observed (of every leaf where none does), by area.

@@ -6,7 +6,7 @@
 
 use crate::brep::{BrepOptions, brep_from_surface};
 use crate::mesh_output::{ModelMesh, mesh_from_model, write_model_mesh};
-use crate::model::SurfaceModel;
+use crate::model::{Posterior, SurfaceModel};
 use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::step::{Brep, StepOptions, write_step};
@@ -147,12 +147,13 @@ pub struct Prepared<'a> {
 /// `Input` for a mesh tolerance that is not positive or takes too many triangles; `Undetermined` where the model has no covariance.
 pub fn prepare<'a>(
     model: &'a SurfaceModel,
+    posterior: &Posterior<'_>,
     outputs: &'a [PlannedOutput],
     mesh_tolerance: Option<f64>,
 ) -> Result<Prepared<'a>> {
     let wanted = |format| outputs.iter().any(|output| output.format == format);
     let mesh = match wanted(OutputFormat::Ply) {
-        true => Some(mesh_from_model(model, &model.posterior()?, mesh_tolerance)?),
+        true => Some(mesh_from_model(model, posterior, mesh_tolerance)?),
         false => None,
     };
     let brep = wanted(OutputFormat::Step).then(|| brep_from_surface(&model.surface, &BrepOptions::default()));

@@ -71,11 +71,12 @@ impl Jet {
         [dot(self.duu, normal), dot(self.duv, normal), dot(self.dvv, normal)]
     }
 
-    /// Normal, principal curvatures and directions; none where the parametrisation is singular.
-    #[must_use]
-    pub fn curvature(&self) -> Option<Curvature> {
+    /// Unit normal, orthonormal tangents `e1`, `e2` and the second fundamental form in them: `[II(e1, e1), II(e1, e2), II(e2, e2)]`;
+    /// none where the parametrisation is singular.
+    #[inline]
+    fn orthonormal_form(&self) -> Option<OrthonormalForm> {
         let normal = self.normal()?;
-        // An orthonormal frame with e1 along S_u: S_u = l e1, S_v = m e1 + q e2.
+        // e1 along S_u: S_u = l e1, S_v = m e1 + q e2.
         let l = norm(self.du);
         let e1 = scale(1.0 / l, self.du);
         let e2 = cross(normal, e1);
@@ -84,25 +85,62 @@ impl Jet {
         let a = e / (l * l);
         let b = (f / l - m * a) / q;
         let c = (g - 2.0 * m * q * b - m * m * a) / (q * q);
-        Some(Curvature::from_orthonormal(normal, e1, e2, [a, b, c]))
+        Some(OrthonormalForm {
+            normal,
+            tangents: [e1, e2],
+            form: [a, b, c],
+        })
+    }
+
+    /// Normal, principal curvatures and directions; none where the parametrisation is singular.
+    #[must_use]
+    pub fn curvature(&self) -> Option<Curvature> {
+        let OrthonormalForm {
+            normal,
+            tangents: [e1, e2],
+            form,
+        } = self.orthonormal_form()?;
+        Some(Curvature::from_orthonormal(normal, e1, e2, form))
+    }
+
+    /// Mean curvature `H = (κ1 + κ2)/2`; none where the parametrisation is singular.
+    #[must_use]
+    pub fn mean_curvature(&self) -> Option<f64> {
+        let [a, _, c] = self.orthonormal_form()?.form;
+        Some(0.5 * (a + c))
     }
 
     /// `tr(II R_t)/2`: the mean height above the surface that noise of covariance `R` along the tangent plane feigns,
-    /// to second order. `covariance` is `[xx, xy, xz, yy, yz, zz]`.
+    /// to second order; none where the parametrisation is singular. `covariance` is `[xx, xy, xz, yy, yz, zz]`.
     ///
     /// On a sphere of radius r and isotropic noise this is `−σ²/r` along the outward normal's curvature sign, so the
     /// expected signed distance of a noisy point is `−tr(II R_t)/2`.
+    #[inline]
     #[must_use]
-    pub fn tangential_bias(&self, curvature: &Curvature, covariance: &[f64; 6]) -> f64 {
+    pub fn tangential_bias(&self, covariance: &[f64; 6]) -> Option<f64> {
+        let OrthonormalForm {
+            tangents: [e1, e2],
+            form: [a, b, c],
+            ..
+        } = self.orthonormal_form()?;
         let [xx, xy, xz, yy, yz, zz] = *covariance;
-        let along = |d: [f64; 3]| {
-            d[0] * (xx * d[0] + 2.0 * xy * d[1] + 2.0 * xz * d[2])
-                + d[1] * (yy * d[1] + 2.0 * yz * d[2])
-                + zz * d[2] * d[2]
+        let times = |d: [f64; 3]| {
+            [
+                xx * d[0] + xy * d[1] + xz * d[2],
+                xy * d[0] + yy * d[1] + yz * d[2],
+                xz * d[0] + yz * d[1] + zz * d[2],
+            ]
         };
-        0.5 * (curvature.principal[0] * along(curvature.directions[0])
-            + curvature.principal[1] * along(curvature.directions[1]))
+        let (r1, r2) = (times(e1), times(e2));
+        Some(0.5 * (a * dot(e1, r1) + 2.0 * b * dot(e2, r1) + c * dot(e2, r2)))
     }
+}
+
+/// The second fundamental form in an orthonormal frame.
+struct OrthonormalForm {
+    normal: [f64; 3],
+    tangents: [[f64; 3]; 2],
+    form: [f64; 3],
 }
 
 impl Surface {

@@ -14,8 +14,11 @@
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017 (poles).
 
 use crate::basis::cubic_half;
+use crate::extraction::SparseExtraction;
 use planish_estimate::{Error, Result};
+use rayon::prelude::*;
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 /// How the two parameter directions close.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -82,9 +85,10 @@ pub struct Cell {
 
 impl Cell {
     /// Side of the cell in base-grid units.
+    #[inline]
     #[must_use]
     pub fn side(self) -> f64 {
-        0.5_f64.powi(i32::from(self.level))
+        1.0 / (1_u64 << self.level) as f64
     }
 }
 
@@ -109,6 +113,7 @@ pub struct Hierarchy {
     offsets: Vec<u32>,
     nodes: Vec<u32>,
     weights: Vec<[f64; 16]>,
+    sparse: OnceLock<SparseExtraction>,
     poles: Vec<PoleMap>,
     /// For each tube function its node, or none where a pole takes it over.
     node_of_function: Vec<Option<u32>>,
@@ -219,6 +224,19 @@ impl Hierarchy {
     /// A lone split cell activates no bicubic function: mark whole supports, as [`Hierarchy::support_leaves`] gives them.
     #[must_use]
     pub fn refine(&self, marked: &[usize]) -> Self {
+        Self::build(self.shape, self.base, self.split_also(marked))
+    }
+
+    /// The nodes that [`Hierarchy::refine`] would give, for a fraction of its cost.
+    #[must_use]
+    pub fn refined_node_count(&self, marked: &[usize]) -> usize {
+        Layout::new(self.shape, self.base, self.split_also(marked))
+            .hierarchy
+            .node_count()
+    }
+
+    /// Which cells are split when the marked leaves are split too.
+    fn split_also(&self, marked: &[usize]) -> Vec<Vec<bool>> {
         let mut split = self.split.clone();
         for &leaf in marked {
             let cell = self.leaves[leaf];
@@ -230,7 +248,7 @@ impl Hierarchy {
             split[level][cell.j as usize * columns + cell.i as usize] = true;
         }
         close(self.shape, self.base, &mut split, MAX_LEVEL);
-        Self::build(self.shape, self.base, split)
+        split
     }
 
     /// The hierarchy with every leaf split.
@@ -382,23 +400,12 @@ impl Hierarchy {
     /// Sixteen coefficients, as numbers for each coordinate, of every leaf.
     #[must_use]
     pub fn leaf_coefficients(&self, vertices: &[[f64; 3]]) -> Vec<[[f64; 3]; 16]> {
-        (0..self.leaves.len())
-            .map(|leaf| {
-                let (nodes, weights) = self.extraction(leaf);
-                let mut out = [[0.0; 3]; 16];
-                for (&node, w) in nodes.iter().zip(weights) {
-                    let p = vertices[node as usize];
-                    for (c, &wk) in out.iter_mut().zip(w) {
-                        if wk != 0.0 {
-                            for d in 0..3 {
-                                c[d] += wk * p[d];
-                            }
-                        }
-                    }
-                }
-                out
-            })
-            .collect()
+        self.sparse_extraction().coefficients(vertices)
+    }
+
+    /// The extraction as a sparse matrix: made once, when it is first asked for.
+    pub(crate) fn sparse_extraction(&self) -> &SparseExtraction {
+        self.sparse.get_or_init(|| SparseExtraction::new(self))
     }
 
     /// Control vertices from a function that tells the sixteen coefficients of any cell that lies inside one leaf of the *source*.
@@ -514,141 +521,38 @@ impl Hierarchy {
         }
     }
 
-    fn build(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
-        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
-            split.pop();
-        }
-        if split[split.len() - 1].iter().any(|&s| s) {
-            split.push(vec![false; grid(base, split.len()).iter().product()]);
-        }
-        let levels = split.len();
-        // A cell exists where its parent is split.
-        let exists: Vec<Vec<bool>> = (0..levels)
-            .map(|level| {
-                let [columns, rows] = grid(base, level);
-                (0..columns * rows)
-                    .map(|index| {
-                        level == 0 || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
-                    })
-                    .collect()
+    fn build(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
+        let layout = Layout::new(shape, base, split);
+        let pole_of_function = layout.hierarchy.pole_expansion(&layout.active);
+        // Down the tree: coefficients of every function that still acts, truncated at each level.
+        let rows: Vec<FoundLeaves> = (0..base[1] as u32)
+            .into_par_iter()
+            .map(|j| {
+                let mut walk = Walk {
+                    layout: &layout,
+                    pole_of_function: &pole_of_function,
+                    found: FoundLeaves::default(),
+                };
+                for i in 0..base[0] as u32 {
+                    walk.descend(Cell { level: 0, i, j }, Vec::new());
+                }
+                walk.found
             })
             .collect();
-        let mut hierarchy = Self {
-            shape,
-            base,
-            leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
-            leaves: Vec::new(),
-            functions: Vec::new(),
-            node_anchors: Vec::new(),
-            offsets: vec![0],
-            nodes: Vec::new(),
-            weights: Vec::new(),
-            poles: Vec::new(),
-            node_of_function: Vec::new(),
-            split,
-        };
-        // inside[level][function]: its support lies where level-`level` cells exist; whole[...]: it lies where they are split.
-        let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
-        let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
-        for level in 0..levels {
-            let [columns, rows] = grid(base, level);
-            let [fu, fv] = hierarchy.function_grid(level);
-            let mut number = vec![NOT_A_LEAF; fu * fv];
-            let mut in_level = vec![false; fu * fv];
-            for j in 0..fv {
-                for i in 0..fu {
-                    let (mut all_exist, mut all_split) = (true, true);
-                    for dj in 0..4 {
-                        for di in 0..4 {
-                            let Some(ci) = support_cell(i, di, columns, shape.periodic_u()) else {
-                                continue;
-                            };
-                            let Some(cj) = support_cell(j, dj, rows, shape.periodic_v()) else {
-                                continue;
-                            };
-                            all_exist &= exists[level][cj * columns + ci];
-                            all_split &= hierarchy.split[level][cj * columns + ci];
-                        }
-                    }
-                    in_level[j * fu + i] = all_exist;
-                    if all_exist && !all_split {
-                        number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell {
-                            level: level as u8,
-                            i: i as u32,
-                            j: j as u32,
-                        });
-                    }
-                }
+        let mut hierarchy = layout.hierarchy;
+        for found in rows {
+            for (cell, count) in found.cells.iter().zip(&found.counts) {
+                let columns = grid(base, usize::from(cell.level))[0];
+                hierarchy.leaf_number[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize] =
+                    hierarchy.leaves.len() as u32;
+                hierarchy.leaves.push(*cell);
+                hierarchy
+                    .offsets
+                    .push(hierarchy.offsets[hierarchy.offsets.len() - 1] + count);
             }
-            active.push(number);
-            inside.push(in_level);
+            hierarchy.nodes.extend(found.nodes);
+            hierarchy.weights.extend(found.weights);
         }
-        hierarchy.number_nodes(&exists);
-        let node_of_function = &hierarchy.node_of_function;
-        let pole_of_function: HashMap<u32, Vec<(u32, f64)>> = hierarchy.pole_expansion(&active);
-
-        // Down the tree: coefficients of every function that still acts, truncated at each level.
-        let mut walk = Walk {
-            hierarchy: &hierarchy,
-            active: &active,
-            inside: &inside,
-            leaves: Vec::new(),
-        };
-        for j in 0..base[1] {
-            for i in 0..base[0] {
-                walk.descend(
-                    Cell {
-                        level: 0,
-                        i: i as u32,
-                        j: j as u32,
-                    },
-                    Vec::new(),
-                );
-            }
-        }
-        let found = walk.leaves;
-        let (mut leaves, mut leaf_number) = (Vec::with_capacity(found.len()), hierarchy.leaf_number.clone());
-        let (mut offsets, mut nodes, mut weights) = (vec![0_u32], Vec::new(), Vec::new());
-        let mut merged: Vec<(u32, [f64; 16])> = Vec::new();
-        for (cell, list) in found {
-            let columns = grid(base, usize::from(cell.level))[0];
-            leaf_number[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize] = leaves.len() as u32;
-            leaves.push(cell);
-            merged.clear();
-            let mut add = |node: u32, scale: f64, w: &[f64; 16]| {
-                let entry = match merged.iter_mut().find(|(n, _)| *n == node) {
-                    Some(entry) => entry,
-                    None => {
-                        merged.push((node, [0.0; 16]));
-                        merged.last_mut().expect("just pushed")
-                    }
-                };
-                for k in 0..16 {
-                    entry.1[k] += scale * w[k];
-                }
-            };
-            for (function, w) in &list {
-                if let Some(node) = node_of_function[*function as usize] {
-                    add(node, 1.0, w);
-                }
-                for &(node, scale) in pole_of_function.get(function).map_or(&[][..], |e| &e[..]) {
-                    add(node, scale, w);
-                }
-            }
-            merged.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-            merged.sort_unstable_by_key(|(node, _)| *node);
-            for (node, w) in &merged {
-                nodes.push(*node);
-                weights.push(*w);
-            }
-            offsets.push(nodes.len() as u32);
-        }
-        hierarchy.leaves = leaves;
-        hierarchy.leaf_number = leaf_number;
-        hierarchy.offsets = offsets;
-        hierarchy.nodes = nodes;
-        hierarchy.weights = weights;
         hierarchy
     }
 
@@ -845,12 +749,114 @@ fn neighbour(c: usize, d: i64, cells: usize, periodic: bool) -> Option<usize> {
     }
 }
 
+/// A hierarchy whose nodes are numbered but whose leaves are still to be found.
+struct Layout {
+    hierarchy: Hierarchy,
+    /// For each level, function by function: its number, or `NOT_A_LEAF` where it does not act.
+    active: Vec<Vec<u32>>,
+    /// For each level, function by function: whether its support lies where cells of that level exist.
+    inside: Vec<Vec<bool>>,
+}
+
+impl Layout {
+    fn new(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
+        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
+            split.pop();
+        }
+        if split[split.len() - 1].iter().any(|&s| s) {
+            split.push(vec![false; grid(base, split.len()).iter().product()]);
+        }
+        let levels = split.len();
+        // A cell exists where its parent is split.
+        let exists: Vec<Vec<bool>> = (0..levels)
+            .map(|level| {
+                let [columns, rows] = grid(base, level);
+                (0..columns * rows)
+                    .map(|index| {
+                        level == 0 || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut hierarchy = Hierarchy {
+            shape,
+            base,
+            leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
+            leaves: Vec::new(),
+            functions: Vec::new(),
+            node_anchors: Vec::new(),
+            offsets: vec![0],
+            nodes: Vec::new(),
+            weights: Vec::new(),
+            sparse: OnceLock::new(),
+            poles: Vec::new(),
+            node_of_function: Vec::new(),
+            split,
+        };
+        let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
+        let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
+        for level in 0..levels {
+            let [columns, rows] = grid(base, level);
+            let [fu, fv] = hierarchy.function_grid(level);
+            let mut number = vec![NOT_A_LEAF; fu * fv];
+            let mut in_level = vec![false; fu * fv];
+            let supports = |count: usize, cells: usize, periodic: bool| -> Vec<Vec<usize>> {
+                let cells_of = |f| {
+                    (0..4)
+                        .filter_map(move |d| support_cell(f, d, cells, periodic))
+                        .collect()
+                };
+                (0..count).map(cells_of).collect()
+            };
+            let (across, along) = (
+                supports(fu, columns, shape.periodic_u()),
+                supports(fv, rows, shape.periodic_v()),
+            );
+            for j in 0..fv {
+                for i in 0..fu {
+                    let mut cells = along[j]
+                        .iter()
+                        .flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
+                    if !cells.clone().all(|cell| exists[level][cell]) {
+                        continue;
+                    }
+                    in_level[j * fu + i] = true;
+                    if !cells.all(|cell| hierarchy.split[level][cell]) {
+                        number[j * fu + i] = hierarchy.functions.len() as u32;
+                        hierarchy.functions.push(Cell {
+                            level: level as u8,
+                            i: i as u32,
+                            j: j as u32,
+                        });
+                    }
+                }
+            }
+            active.push(number);
+            inside.push(in_level);
+        }
+        hierarchy.number_nodes(&exists);
+        Self {
+            hierarchy,
+            active,
+            inside,
+        }
+    }
+}
+
+/// Leaves in the order in which they were found, each with its nodes and their weights.
+#[derive(Default)]
+struct FoundLeaves {
+    cells: Vec<Cell>,
+    counts: Vec<u32>,
+    nodes: Vec<u32>,
+    weights: Vec<[f64; 16]>,
+}
+
 /// The walk down the quadtree that finds each leaf's functions and their coefficients.
 struct Walk<'a> {
-    hierarchy: &'a Hierarchy,
-    active: &'a [Vec<u32>],
-    inside: &'a [Vec<bool>],
-    leaves: Vec<(Cell, Coefficients)>,
+    layout: &'a Layout,
+    pole_of_function: &'a HashMap<u32, Vec<(u32, f64)>>,
+    found: FoundLeaves,
 }
 
 /// Functions with their sixteen coefficients on a cell.
@@ -860,17 +866,18 @@ impl Walk<'_> {
     /// `list`: functions of coarser levels with their coefficients on this cell, not yet truncated at this level.
     fn descend(&mut self, cell: Cell, mut list: Coefficients) {
         let level = usize::from(cell.level);
-        let [fu, _] = self.hierarchy.function_grid(level);
+        let hierarchy = &self.layout.hierarchy;
+        let [fu, _] = hierarchy.function_grid(level);
         let mut own = [NOT_A_LEAF; 16];
         for k in 0..16 {
-            let f = self.hierarchy.function_on_cell(cell, k);
+            let f = hierarchy.function_on_cell(cell, k);
             let index = f.j as usize * fu + f.i as usize;
-            if self.inside[level][index] {
+            if self.layout.inside[level][index] {
                 for (_, w) in &mut list {
                     w[k] = 0.0;
                 }
             }
-            own[k] = self.active[level][index];
+            own[k] = self.layout.active[level][index];
         }
         list.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
         for (k, &function) in own.iter().enumerate() {
@@ -880,9 +887,9 @@ impl Walk<'_> {
                 list.push((function, w));
             }
         }
-        let columns = grid(self.hierarchy.base, level)[0];
-        if !self.hierarchy.split[level][cell.j as usize * columns + cell.i as usize] {
-            self.leaves.push((cell, list));
+        let columns = grid(hierarchy.base, level)[0];
+        if !hierarchy.split[level][cell.j as usize * columns + cell.i as usize] {
+            self.found_leaf(cell, &list);
             return;
         }
         for half_v in 0..2 {
@@ -899,6 +906,34 @@ impl Walk<'_> {
                 self.descend(child, halves);
             }
         }
+    }
+
+    /// Nodes and their weights from those of functions: a node at a pole gathers from many.
+    fn found_leaf(&mut self, cell: Cell, list: &Coefficients) {
+        let mut merged: Coefficients = Vec::with_capacity(list.len());
+        let mut add = |node: u32, scale: f64, w: &[f64; 16]| {
+            let at = merged.iter().position(|(n, _)| *n == node).unwrap_or_else(|| {
+                merged.push((node, [0.0; 16]));
+                merged.len() - 1
+            });
+            for k in 0..16 {
+                merged[at].1[k] += scale * w[k];
+            }
+        };
+        for (function, w) in list {
+            if let Some(node) = self.layout.hierarchy.node_of_function[*function as usize] {
+                add(node, 1.0, w);
+            }
+            for &(node, scale) in self.pole_of_function.get(function).map_or(&[][..], |e| &e[..]) {
+                add(node, scale, w);
+            }
+        }
+        merged.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
+        merged.sort_unstable_by_key(|(node, _)| *node);
+        self.found.cells.push(cell);
+        self.found.counts.push(merged.len() as u32);
+        self.found.nodes.extend(merged.iter().map(|(node, _)| node));
+        self.found.weights.extend(merged.iter().map(|(_, w)| w));
     }
 }
 

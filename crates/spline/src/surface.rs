@@ -138,40 +138,7 @@ impl Surface {
     #[inline]
     #[must_use]
     pub fn leaf_jet(&self, leaf: usize, s: f64, t: f64) -> Jet {
-        let c = &self.local[leaf];
-        let (bu, bv) = (cubic(s), cubic(t));
-        // Rows first: three derivatives of each row, then down the columns.
-        let mut rows = [[[0.0; 3]; 3]; 4];
-        for r in 0..4 {
-            for k in 0..4 {
-                let p = c[4 * r + k];
-                for order in 0..3 {
-                    let w = bu[order][k];
-                    for d in 0..3 {
-                        rows[r][order][d] += w * p[d];
-                    }
-                }
-            }
-        }
-        let down = |order_u: usize, order_v: usize, scale: f64| {
-            let mut out = [0.0; 3];
-            for r in 0..4 {
-                let w = scale * bv[order_v][r];
-                for d in 0..3 {
-                    out[d] += w * rows[r][order_u][d];
-                }
-            }
-            out
-        };
-        let h = 1.0 / self.space.leaves()[leaf].side();
-        Jet {
-            point: down(0, 0, 1.0),
-            du: down(1, 0, h),
-            dv: down(0, 1, h),
-            duu: down(2, 0, h * h),
-            duv: down(1, 1, h * h),
-            dvv: down(0, 2, h * h),
-        }
+        jet_of(&self.local[leaf], 1.0 / self.space.leaves()[leaf].side(), s, t)
     }
 
     /// Third derivatives at `(u, v)`: constant jumps across knots are possible, as for every cubic spline.
@@ -215,6 +182,46 @@ impl Surface {
     /// As for [`Surface::new`].
     pub fn with_vertices(&self, vertices: Vec<[f64; 3]>) -> Result<Self> {
         Self::new(Arc::clone(&self.space), vertices)
+    }
+}
+
+/// The jet of sixteen coefficients; `h` is one over the leaf's side.
+///
+/// Coordinates travel in fours, which machines add and multiply at once: the fourth is whatever lies next to them.
+#[inline(always)]
+pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
+    let (bu, bv) = (cubic(s), cubic(t));
+    let flat = c.as_flattened();
+    let mut sums = [[0.0; 4]; 6];
+    for r in 0..4 {
+        // Three derivatives along the row, then down the columns.
+        let mut row = [[0.0; 4]; 3];
+        for k in 0..4 {
+            let at = 12 * r + 3 * k;
+            let p = match at {
+                45 => [flat[45], flat[46], flat[47], 0.0],
+                _ => [flat[at], flat[at + 1], flat[at + 2], flat[at + 3]],
+            };
+            for order in 0..3 {
+                for d in 0..4 {
+                    row[order][d] += bu[order][k] * p[d];
+                }
+            }
+        }
+        for (n, (order_u, order_v)) in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)].into_iter().enumerate() {
+            for d in 0..4 {
+                sums[n][d] += bv[order_v][r] * row[order_u][d];
+            }
+        }
+    }
+    let part = |n: usize, scale: f64| [scale * sums[n][0], scale * sums[n][1], scale * sums[n][2]];
+    Jet {
+        point: part(0, 1.0),
+        du: part(1, h),
+        dv: part(2, h),
+        duu: part(3, h * h),
+        duv: part(4, h * h),
+        dvv: part(5, h * h),
     }
 }
 

@@ -13,7 +13,7 @@ use planish_estimate::sparse::{
 };
 use planish_estimate::vector3::dot;
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Leaves whose elements are made side by side before they are added, one after the other, to the global matrix.
 const BATCH: usize = 256;
@@ -23,7 +23,9 @@ const BATCH: usize = 256;
 pub struct SurfaceSystem {
     space: Arc<Hierarchy>,
     pattern: Arc<BlockPattern>,
-    symbolic: Arc<SymbolicFactor>,
+    ordering: NodeOrdering,
+    /// For three unknowns a node; not every use of a system needs it.
+    symbolic: OnceLock<Arc<SymbolicFactor>>,
     symbolic_scalar: Arc<SymbolicFactor>,
     scatters: Vec<ElementScatter>,
 }
@@ -40,7 +42,6 @@ impl SurfaceSystem {
             (0..leaves).map(|leaf| space.extraction(leaf).0),
         )?);
         let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;
-        let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 3)?);
         let symbolic_scalar = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
         let scatters = (0..leaves)
             .map(|leaf| ElementScatter::new(&pattern, space.extraction(leaf).0))
@@ -48,7 +49,8 @@ impl SurfaceSystem {
         Ok(Self {
             space: Arc::clone(space),
             pattern,
-            symbolic,
+            ordering,
+            symbolic: OnceLock::new(),
             symbolic_scalar,
             scatters,
         })
@@ -64,12 +66,6 @@ impl SurfaceSystem {
     #[must_use]
     pub fn pattern(&self) -> &Arc<BlockPattern> {
         &self.pattern
-    }
-
-    /// The symbolic factor for three unknowns a node.
-    #[must_use]
-    pub fn symbolic(&self) -> &Arc<SymbolicFactor> {
-        &self.symbolic
     }
 
     /// No information yet.
@@ -114,7 +110,7 @@ impl SurfaceSystem {
     /// Accumulates scalar rows over the nodes themselves, one unknown a node: `rows(leaf, add)` calls `add(weights over the
     /// sixteen coefficients, direction, value, information)` for each measurement, and vertex `a` may move along `directions[a]` only.
     ///
-    /// The cheaper way where leaves hold few readings: about `n (16 + n/2)` multiply-adds a reading for `n` nodes on its leaf.
+    /// The cheaper way where leaves hold few readings: about `n (4 + n/2)` multiply-adds a reading for `n` nodes on its leaf.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -132,13 +128,23 @@ impl SurfaceSystem {
                 .map(|&leaf| {
                     let (nodes, weights) = self.space.extraction(leaf);
                     let n = nodes.len();
+                    // Most weights are zero: each node is few of the sixteen coefficients.
+                    let sparse: Vec<(usize, usize, f64)> = weights
+                        .iter()
+                        .enumerate()
+                        .flat_map(|(a, w)| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
+                        .filter(|(_, _, w)| *w != 0.0)
+                        .collect();
                     let mut made: Option<(Vec<f64>, Vec<f64>)> = None;
                     let mut row = vec![0.0; n];
                     rows(leaf, &mut |c, direction, value, w| {
                         let (matrix, vector) = made.get_or_insert_with(|| (vec![0.0; n * n], vec![0.0; n]));
-                        for a in 0..n {
-                            let along = dot(direction, directions[nodes[a] as usize]);
-                            row[a] = along * weights[a].iter().zip(c).map(|(e, b)| e * b).sum::<f64>();
+                        row.fill(0.0);
+                        for &(a, k, weight) in &sparse {
+                            row[a] += weight * c[k];
+                        }
+                        for (r, &node) in row.iter_mut().zip(nodes) {
+                            *r *= dot(direction, directions[node as usize]);
                         }
                         for a in 0..n {
                             let wa = w * row[a];
@@ -228,12 +234,14 @@ impl SurfaceSystem {
     /// `Input` when the matrix would be too large.
     pub fn assemble_energy(&self, leaves: &[LeafEnergy]) -> Result<BlockInformation> {
         let mut energy = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        for (leaf, form) in leaves.iter().enumerate() {
-            energy.add_scattered(
-                &self.scatters[leaf],
-                &scalar_element(&self.space, leaf, &form.thin_plate),
-                &vec![0.0; 3 * self.scatters[leaf].nodes().len()],
-            )?;
+        let elements: Vec<Vec<f64>> = leaves
+            .par_iter()
+            .enumerate()
+            .with_min_len(64)
+            .map(|(leaf, form)| scalar_element(&self.space, leaf, &form.thin_plate))
+            .collect();
+        for (scatter, element) in self.scatters.iter().zip(&elements) {
+            energy.add_scattered(scatter, element, &vec![0.0; 3 * scatter.nodes().len()])?;
         }
         Ok(energy)
     }
@@ -276,33 +284,41 @@ impl SurfaceSystem {
     /// `Input` when the matrix would be too large.
     pub fn mass(&self, reference: &Surface) -> Result<BlockInformation> {
         let mut mass = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        for leaf in 0..self.scatters.len() {
-            let side = self.space.leaves()[leaf].side();
-            let mut form = [[0.0; 16]; 16];
-            for q in quadrature() {
-                let [u, v] = self.space.parameters(leaf, q.local);
-                let [e, f, g] = reference.jet(u, v).first_form();
-                let w = q.weight * side * side * (e * g - f * f).max(0.0).sqrt();
-                let c = leaf_weights(q.local[0], q.local[1]);
-                for k in 0..16 {
-                    for l in 0..16 {
-                        form[k][l] += w * c[k] * c[l];
+        let elements: Vec<Vec<f64>> = (0..self.scatters.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|leaf| {
+                let side = self.space.leaves()[leaf].side();
+                let mut form = [[0.0; 16]; 16];
+                for q in quadrature() {
+                    let [u, v] = self.space.parameters(leaf, q.local);
+                    let [e, f, g] = reference.jet(u, v).first_form();
+                    let w = q.weight * side * side * (e * g - f * f).max(0.0).sqrt();
+                    let c = leaf_weights(q.local[0], q.local[1]);
+                    for k in 0..16 {
+                        for l in 0..16 {
+                            form[k][l] += w * c[k] * c[l];
+                        }
                     }
                 }
-            }
-            let zeros = vec![0.0; 3 * self.scatters[leaf].nodes().len()];
-            mass.add_scattered(&self.scatters[leaf], &scalar_element(&self.space, leaf, &form), &zeros)?;
+                scalar_element(&self.space, leaf, &form)
+            })
+            .collect();
+        for (scatter, element) in self.scatters.iter().zip(&elements) {
+            mass.add_scattered(scatter, element, &vec![0.0; 3 * scatter.nodes().len()])?;
         }
         Ok(mass)
     }
 
-    /// Area weights of the four Gauss points of every leaf in the metric of a reference surface: for [`Self::project_field`].
+    /// Area weights of the same points on every leaf in the metric of a reference surface, leaf by leaf: for [`Self::project_field`].
     #[must_use]
-    pub fn field_weights(&self, reference: &Surface) -> Vec<[f64; 4]> {
+    pub fn field_weights(&self, reference: &Surface, points: &[QuadraturePoint]) -> Vec<f64> {
         (0..self.scatters.len())
-            .map(|leaf| {
+            .into_par_iter()
+            .with_min_len(64)
+            .flat_map_iter(|leaf| {
                 let side = self.space.leaves()[leaf].side();
-                four_points().map(|q| {
+                points.iter().map(move |q| {
                     let [u, v] = self.space.parameters(leaf, q.local);
                     let [e, f, g] = reference.jet(u, v).first_form();
                     q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
@@ -311,23 +327,24 @@ impl SurfaceSystem {
             .collect()
     }
 
-    /// Right-hand sides `∫ B_a f dA` of a vector field sampled at four Gauss points of every leaf: node-major, three columns.
+    /// Right-hand sides `∫ B_a f dA` of a vector field sampled at the same points of every leaf: node-major, three columns.
     ///
-    /// `field(leaf, point, local)` is called with the number of the point, 0 to 3, and its place in the leaf.
+    /// `field(leaf, n)` is the value at the `n`-th point; `weights` are those of [`Self::field_weights`].
     #[must_use]
     pub fn project_field(
         &self,
-        weights: &[[f64; 4]],
-        field: impl Fn(usize, usize, [f64; 2]) -> [f64; 3] + Sync,
+        points: &[QuadraturePoint],
+        weights: &[f64],
+        field: impl Fn(usize, usize) -> [f64; 3] + Sync,
     ) -> Vec<f64> {
-        let points = four_points().map(|q| (q.local, leaf_weights(q.local[0], q.local[1])));
-        let parts: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
+        let bases: Vec<[f64; 16]> = points.iter().map(|q| leaf_weights(q.local[0], q.local[1])).collect();
+        let of_leaves: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
             .into_par_iter()
             .with_min_len(32)
             .map(|leaf| {
                 let mut cell = [[0.0; 3]; 16];
-                for (n, (local, basis)) in points.iter().enumerate() {
-                    let value = field(leaf, n, *local).map(|x| weights[leaf][n] * x);
+                for (n, basis) in bases.iter().enumerate() {
+                    let value = field(leaf, n).map(|x| weights[leaf * points.len() + n] * x);
                     for (c, b) in cell.iter_mut().zip(basis) {
                         for d in 0..3 {
                             c[d] += b * value[d];
@@ -337,20 +354,7 @@ impl SurfaceSystem {
                 cell
             })
             .collect();
-        let mut out = vec![0.0; 3 * self.space.node_count()];
-        for (leaf, cell) in parts.iter().enumerate() {
-            let (nodes, weights) = self.space.extraction(leaf);
-            for (&node, w) in nodes.iter().zip(weights) {
-                let to = &mut out[3 * node as usize..3 * node as usize + 3];
-                // Most leaves take most of their coefficients from one node each.
-                for (w, c) in w.iter().zip(cell).filter(|(w, _)| **w != 0.0) {
-                    for d in 0..3 {
-                        to[d] += w * c[d];
-                    }
-                }
-            }
-        }
-        out
+        self.space.sparse_extraction().gather(&of_leaves)
     }
 
     /// Factors a matrix of one unknown a node.
@@ -361,12 +365,34 @@ impl SurfaceSystem {
         CholeskyFactor::factorize(&self.symbolic_scalar, matrix)
     }
 
+    /// [`Self::factorize_scalar`] in the memory of an earlier factor of this system, where there is one.
+    ///
+    /// # Errors
+    /// As for [`Self::factorize_scalar`].
+    pub fn refactorize_scalar(
+        &self,
+        earlier: Option<CholeskyFactor>,
+        matrix: &BlockInformation,
+    ) -> Result<CholeskyFactor> {
+        match earlier {
+            Some(factor) => factor.refactorize(matrix),
+            None => self.factorize_scalar(matrix),
+        }
+    }
+
     /// Factors information of this system.
     ///
     /// # Errors
     /// `Undetermined` when the information does not determine every vertex.
     pub fn factorize(&self, information: &BlockInformation) -> Result<CholeskyFactor> {
-        CholeskyFactor::factorize(&self.symbolic, information)
+        let symbolic = match self.symbolic.get() {
+            Some(symbolic) => symbolic,
+            None => {
+                let made = Arc::new(SymbolicFactor::analyse(&self.pattern, &self.ordering, 3)?);
+                self.symbolic.get_or_init(|| made)
+            }
+        };
+        CholeskyFactor::factorize(symbolic, information)
     }
 
     /// The surface of solved vertices.
@@ -377,17 +403,4 @@ impl SurfaceSystem {
         let vertices = solution.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
         Surface::new(Arc::clone(&self.space), vertices)
     }
-}
-
-/// The 2 × 2 Gauss points of a leaf: enough for fields that are smoothed anyway.
-#[must_use]
-pub fn four_points() -> [QuadraturePoint; 4] {
-    let near = 0.5 - 0.5 / 3.0_f64.sqrt();
-    [
-        [near, near],
-        [1.0 - near, near],
-        [near, 1.0 - near],
-        [1.0 - near, 1.0 - near],
-    ]
-    .map(|local| QuadraturePoint { local, weight: 0.25 })
 }

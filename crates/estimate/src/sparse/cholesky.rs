@@ -10,12 +10,14 @@ use std::sync::Arc;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::information::columns_of;
+use super::panel_vectors::{BackSubstitution, Elimination};
 use super::symbolic::Run;
+use super::tree::{Walk, by_columns};
 use super::{BlockInformation, BlockPattern, SymbolicFactor};
 use crate::{Error, Result};
 
@@ -60,7 +62,7 @@ impl CholeskyFactor {
     pub fn factorize(symbolic: &Arc<SymbolicFactor>, information: &BlockInformation) -> Result<Self> {
         Self {
             symbolic: Arc::clone(symbolic),
-            values: Vec::new(),
+            values: vec![0.0; symbolic.stored_values()],
         }
         .refactorize(information)
     }
@@ -118,10 +120,10 @@ impl CholeskyFactor {
     /// # Errors
     /// `Input` when the length of `x` is no multiple of the dimension.
     pub fn solve_in_place(&self, x: &mut [f64]) -> Result<()> {
-        let mut work = self.permuted(x)?;
-        self.forward(work.as_mut());
-        self.backward(work.as_mut());
-        self.restore(work.as_ref(), x);
+        let mut parts = SupernodeVectors::take(&self.symbolic, x, |row| self.place_of(row))?;
+        self.forward(&mut parts);
+        self.backward(&mut parts);
+        parts.copy_to(x, |row| self.place_of(row));
         Ok(())
     }
 
@@ -130,14 +132,9 @@ impl CholeskyFactor {
     /// # Errors
     /// `Input` when the length of `x` is no multiple of the dimension.
     pub fn solve_lower_in_place(&self, x: &mut [f64]) -> Result<()> {
-        let mut work = self.permuted(x)?;
-        self.forward(work.as_mut());
-        let columns = work.ncols();
-        for (at, row) in x.chunks_exact_mut(columns.max(1)).enumerate() {
-            for (column, value) in row.iter_mut().enumerate() {
-                *value = work[(at, column)];
-            }
-        }
+        let mut parts = SupernodeVectors::take(&self.symbolic, x, |row| self.place_of(row))?;
+        self.forward(&mut parts);
+        parts.copy_to(x, |row| row);
         Ok(())
     }
 
@@ -151,86 +148,143 @@ impl CholeskyFactor {
     /// # References
     /// Rue and Held, *Gaussian Markov Random Fields*, 2005, algorithm 2.4.
     pub fn solve_lower_transpose_in_place(&self, z: &mut [f64]) -> Result<()> {
-        let columns = columns_of("a vector", self.symbolic.dimension(), z.len())?;
-        let mut work = faer::Mat::from_fn(self.symbolic.dimension(), columns, |row, column| {
-            z[row * columns + column]
-        });
-        self.backward(work.as_mut());
-        self.restore(work.as_ref(), z);
+        let mut parts = SupernodeVectors::take(&self.symbolic, z, |row| row)?;
+        self.backward(&mut parts);
+        parts.copy_to(z, |row| self.place_of(row));
         Ok(())
     }
 
     /// The diagonal block and the rows below it of one supernode.
     pub(super) fn panel(&self, s: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
         let (columns, height) = (self.symbolic.columns(s), self.symbolic.height(s));
-        let values = &self.values[self.symbolic.value_start[s]..self.symbolic.value_start[s + 1]];
-        MatRef::from_column_major_slice(values, columns + height, columns).split_at_row(columns)
+        MatRef::from_column_major_slice(self.panel_values(s), columns + height, columns).split_at_row(columns)
     }
 
-    fn permuted(&self, x: &[f64]) -> Result<faer::Mat<f64>> {
-        let columns = columns_of("a vector", self.symbolic.dimension(), x.len())?;
+    fn panel_values(&self, s: usize) -> &[f64] {
+        &self.values[self.symbolic.value_start[s]..self.symbolic.value_start[s + 1]]
+    }
+
+    /// Where an unknown, numbered in the order of elimination, lies in the order of the nodes.
+    fn place_of(&self, unknown: usize) -> usize {
         let b = self.symbolic.block_size();
-        let mut work = faer::Mat::zeros(self.symbolic.dimension(), columns);
-        for (new, &old) in self.symbolic.old_from_new.iter().enumerate() {
-            for k in 0..b {
-                for column in 0..columns {
-                    work[(new * b + k, column)] = x[(old as usize * b + k) * columns + column];
-                }
-            }
-        }
-        Ok(work)
+        self.symbolic.old_from_new[unknown / b] as usize * b + unknown % b
     }
 
-    fn restore(&self, work: MatRef<'_, f64>, x: &mut [f64]) {
-        let (b, columns) = (self.symbolic.block_size(), work.ncols());
-        for (new, &old) in self.symbolic.old_from_new.iter().enumerate() {
-            for k in 0..b {
-                for column in 0..columns {
-                    x[(old as usize * b + k) * columns + column] = work[(new * b + k, column)];
+    fn forward(&self, x: &mut SupernodeVectors) {
+        let (symbolic, vectors) = (&*self.symbolic, x.vectors);
+        let work = |s: usize| 2.0 * (symbolic.tree_values(s) * vectors) as f64;
+        let simd = pulp::Arch::new();
+        let done: std::result::Result<(), std::convert::Infallible> =
+            Walk::new(symbolic, &x.start, &work).ascend(&mut x.values, &|s, own, parts, spare| {
+                let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+                let mut below = spare.take(height * vectors);
+                below[..height * vectors].fill(0.0);
+                for (part, &child) in parts.iter().zip(symbolic.children(s)) {
+                    let size = symbolic.height(child as usize);
+                    for v in 0..vectors {
+                        let (own, below) = (
+                            &mut own[v * columns..(v + 1) * columns],
+                            &mut below[v * height..(v + 1) * height],
+                        );
+                        let part = &part[v * size..(v + 1) * size];
+                        for &run in symbolic.runs(child as usize) {
+                            let [(from, to, n), (rest, on, m)] = run.split(columns);
+                            add(&mut own[to..to + n], &part[from..from + n]);
+                            add(&mut below[on..on + m], &part[rest..rest + m]);
+                        }
+                    }
                 }
-            }
-        }
+                let (panel, below_own) = (self.panel_values(s), &mut below[..height * vectors]);
+                simd.dispatch(Elimination {
+                    panel,
+                    stride: columns + height,
+                    vectors,
+                    own,
+                    below: below_own,
+                });
+                Ok(below)
+            });
+        let Ok(()) = done;
     }
 
-    fn forward(&self, mut x: MatMut<'_, f64>) {
-        let (symbolic, columns) = (&*self.symbolic, x.ncols());
-        let mut buffer = Vec::new();
-        for s in 0..symbolic.supernodes() {
-            let (top, below) = self.panel(s);
-            let first = symbolic.supernode_start[s] as usize * symbolic.block_size();
-            let mut own = x.rb_mut().subrows_mut(first, top.ncols());
-            solve_lower_triangular_in_place(top, own.rb_mut(), Par::Seq);
-            if below.nrows() == 0 {
-                continue;
-            }
-            buffer.resize(below.nrows() * columns, 0.0);
-            let mut update = MatMut::from_column_major_slice_mut(&mut buffer, below.nrows(), columns);
-            matmul(update.rb_mut(), Accum::Replace, below, own.rb(), 1.0, Par::Seq);
-            for column in 0..columns {
-                for_each_row(symbolic, s, |place, row| x[(row, column)] -= update[(place, column)]);
-            }
-            buffer.clear();
-        }
+    fn backward(&self, x: &mut SupernodeVectors) {
+        let (symbolic, vectors) = (&*self.symbolic, x.vectors);
+        let work = |s: usize| 2.0 * (symbolic.tree_values(s) * vectors) as f64;
+        let simd = pulp::Arch::new();
+        Walk::new(symbolic, &x.start, &work).descend(&mut x.values, &|s, own, known, spare| {
+            let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+            let (panel, known_own) = (self.panel_values(s), &known[..height * vectors]);
+            simd.dispatch(BackSubstitution {
+                panel,
+                stride: columns + height,
+                vectors,
+                own,
+                known: known_own,
+            });
+            let children = symbolic.children(s).iter();
+            children
+                .map(|&child| {
+                    let size = symbolic.height(child as usize);
+                    let mut part = spare.take(size * vectors);
+                    for v in 0..vectors {
+                        let (own, known) = (
+                            &own[v * columns..(v + 1) * columns],
+                            &known[v * height..(v + 1) * height],
+                        );
+                        let part = &mut part[v * size..(v + 1) * size];
+                        for &run in symbolic.runs(child as usize) {
+                            let [(from, to, n), (rest, on, m)] = run.split(columns);
+                            part[from..from + n].copy_from_slice(&own[to..to + n]);
+                            part[rest..rest + m].copy_from_slice(&known[on..on + m]);
+                        }
+                    }
+                    part
+                })
+                .collect()
+        });
+    }
+}
+
+/// Vectors cut up by supernodes: those of one supernode lie one after the other.
+struct SupernodeVectors {
+    vectors: usize,
+    /// Start of each supernode's part, and the end.
+    start: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl SupernodeVectors {
+    /// Takes rows of `x`, each of as many numbers as there are vectors: unknown `i` of the elimination is row `row_of(i)`.
+    fn take(symbolic: &SymbolicFactor, x: &[f64], row_of: impl Fn(usize) -> usize) -> Result<Self> {
+        let vectors = columns_of("a vector", symbolic.dimension(), x.len())?;
+        let b = symbolic.block_size();
+        let start: Vec<usize> = symbolic
+            .supernode_start
+            .iter()
+            .map(|&first| first as usize * b * vectors)
+            .collect();
+        let mut values = vec![0.0; x.len()];
+        Self::each_place(&start, vectors, |unknown, vector, place| {
+            values[place] = x[row_of(unknown) * vectors + vector];
+        });
+        Ok(Self { vectors, start, values })
     }
 
-    fn backward(&self, mut x: MatMut<'_, f64>) {
-        let (symbolic, columns) = (&*self.symbolic, x.ncols());
-        let mut buffer = Vec::new();
-        for s in (0..symbolic.supernodes()).rev() {
-            let (top, below) = self.panel(s);
-            let first = symbolic.supernode_start[s] as usize * symbolic.block_size();
-            if below.nrows() > 0 {
-                buffer.resize(below.nrows() * columns, 0.0);
-                let mut known = MatMut::from_column_major_slice_mut(&mut buffer, below.nrows(), columns);
-                for column in 0..columns {
-                    for_each_row(symbolic, s, |place, row| known[(place, column)] = x[(row, column)]);
+    /// The reverse of [`Self::take`].
+    fn copy_to(&self, x: &mut [f64], row_of: impl Fn(usize) -> usize) {
+        Self::each_place(&self.start, self.vectors, |unknown, vector, place| {
+            x[row_of(unknown) * self.vectors + vector] = self.values[place];
+        });
+    }
+
+    fn each_place(start: &[usize], vectors: usize, mut visit: impl FnMut(usize, usize, usize)) {
+        for bounds in start.windows(2) {
+            let columns = (bounds[1] - bounds[0]) / vectors.max(1);
+            for vector in 0..vectors {
+                for k in 0..columns {
+                    visit(bounds[0] / vectors + k, vector, bounds[0] + vector * columns + k);
                 }
-                let own = x.rb_mut().subrows_mut(first, top.ncols());
-                matmul(own, Accum::Add, below.transpose(), known.rb(), -1.0, Par::Seq);
-                buffer.clear();
             }
-            let own = x.rb_mut().subrows_mut(first, top.ncols());
-            solve_upper_triangular_in_place(top.transpose(), own, Par::Seq);
         }
     }
 }
@@ -243,19 +297,9 @@ impl std::fmt::Debug for CholeskyFactor {
     }
 }
 
-/// Calls `visit(place, row)` for the unknowns below the diagonal block of a supernode.
-fn for_each_row(symbolic: &SymbolicFactor, s: usize, mut visit: impl FnMut(usize, usize)) {
-    let b = symbolic.block_size();
-    for (at, &row) in symbolic.rows(s).iter().enumerate() {
-        for k in 0..b {
-            visit(at * b + k, row as usize * b + k);
-        }
-    }
-}
-
-/// Writes the information of one supernode into its panel, which starts at `start` in the values of the factor.
-fn assemble(symbolic: &SymbolicFactor, s: usize, information: &BlockInformation, panel: &mut [f64], start: usize) {
-    let b = symbolic.block_size();
+/// Writes the information of one supernode into its panel.
+fn assemble(symbolic: &SymbolicFactor, s: usize, information: &BlockInformation, panel: &mut [f64]) {
+    let (b, start) = (symbolic.block_size(), symbolic.value_start[s]);
     panel.fill(0.0);
     if b == 1 {
         for slot in symbolic.slots(s) {
@@ -309,30 +353,22 @@ fn eliminate(
 ) -> std::result::Result<(), Breakdown> {
     let b = symbolic.block_size();
     let diagonal = information.diagonal();
-    let widest = (0..symbolic.supernodes())
-        .map(|s| symbolic.columns(s))
-        .max()
-        .unwrap_or(0);
-    let params = faer::Spec::default();
-    let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(widest, Par::Seq, params));
-    let stack = MemStack::new(&mut memory);
-    let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.supernodes()];
-    // Memory of updates that were taken up, with whatever numbers are in it.
-    let mut spare: Vec<Vec<f64>> = Vec::new();
-
-    for s in 0..symbolic.supernodes() {
+    let work = |s: usize| symbolic.tree_flops(s);
+    Walk::new(symbolic, &symbolic.value_start, &work).ascend(panels, &|s, panel, updates, spare| {
         let (columns, height) = (symbolic.columns(s), symbolic.height(s));
-        let start = symbolic.value_start[s];
-        let panel = &mut panels[start..symbolic.value_start[s + 1]];
-        assemble(symbolic, s, information, panel, start);
-        for &child in symbolic.children(s) {
-            let runs = symbolic.runs(child as usize);
-            let size = symbolic.height(child as usize);
+        assemble(symbolic, s, information, panel);
+        let children = || {
+            updates
+                .iter()
+                .zip(symbolic.children(s).iter().map(|&child| child as usize))
+        };
+        for (update, child) in children() {
+            let here = |to| to < columns;
             extend_add(
-                &updates[child as usize],
-                size,
-                runs,
-                |to| to < columns,
+                update,
+                symbolic.height(child),
+                symbolic.runs(child),
+                here,
                 panel,
                 columns + height,
                 0,
@@ -342,8 +378,16 @@ fn eliminate(
         let first = symbolic.supernode_start[s] as usize * b;
         let front = MatMut::from_column_major_slice_mut(panel, columns + height, columns);
         let (mut top, mut below) = front.split_at_row_mut(columns);
-        cholesky_in_place(top.rb_mut(), Default::default(), Par::Seq, stack, params)
-            .map_err(|LltError::NonPositivePivot { index }| Breakdown { unknown: first + index })?;
+        let params = faer::Spec::default();
+        let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(columns, Par::Seq, params));
+        cholesky_in_place(
+            top.rb_mut(),
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut scratch),
+            params,
+        )
+        .map_err(|LltError::NonPositivePivot { index }| Breakdown { unknown: first + index })?;
         for k in 0..columns {
             let unknown = first + k;
             let old = symbolic.old_from_new[unknown / b] as usize * b + unknown % b;
@@ -352,57 +396,59 @@ fn eliminate(
                 return Err(Breakdown { unknown });
             }
         }
+        let mut update = spare.take(height * height);
         if height > 0 {
-            solve_lower_triangular_in_place(top.rb(), below.rb_mut().transpose_mut(), Par::Seq);
-            let mut update = spare.pop().unwrap_or_default();
-            if update.len() < height * height {
-                update.resize(height * height, 0.0);
-            }
-            minus_square(
-                below.rb(),
-                MatMut::from_column_major_slice_mut(&mut update[..height * height], height, height),
-            );
-            for &child in symbolic.children(s) {
-                let runs = symbolic.runs(child as usize);
-                let size = symbolic.height(child as usize);
+            solve_rows(top.rb(), below.rb_mut());
+            let square = &mut update[..height * height];
+            minus_square(below.rb(), square);
+            for (update, child) in children() {
+                let here = |to| to >= columns;
                 extend_add(
-                    &updates[child as usize],
-                    size,
-                    runs,
-                    |to| to >= columns,
-                    &mut update,
+                    update,
+                    symbolic.height(child),
+                    symbolic.runs(child),
+                    here,
+                    square,
                     height,
                     columns,
                 );
             }
-            updates[s] = update;
         }
-        for &child in symbolic.children(s) {
-            spare.push(std::mem::take(&mut updates[child as usize]));
-        }
-    }
-    Ok(())
+        Ok(update)
+    })
 }
 
 /// Columns of an update that are computed together. On bicubic grids 32 to 128 differ by less than 15 % in time.
 const SQUARE_COLUMNS: usize = 64;
+/// Rows of a panel that are solved together: fixed, so that threads change nothing.
+const SOLVED_ROWS: usize = 192;
+
+/// `B ← B L⁻ᵀ`, in pieces of rows side by side.
+fn solve_rows(top: MatRef<'_, f64>, mut below: MatMut<'_, f64>) {
+    if below.nrows() > SOLVED_ROWS {
+        let half = (below.nrows() / 2).next_multiple_of(8);
+        let (upper, lower) = below.split_at_row_mut(half);
+        rayon::join(|| solve_rows(top, upper), || solve_rows(top, lower));
+    } else {
+        solve_lower_triangular_in_place(top, below.rb_mut().transpose_mut(), Par::Seq);
+    }
+}
 
 /// `U ← −B Bᵀ` in the lower triangle. Blocks on the diagonal are computed whole: that is faster than to spare half.
-fn minus_square(below: MatRef<'_, f64>, mut update: MatMut<'_, f64>) {
+fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     let height = below.nrows();
-    let mut from = 0;
-    while from < height {
-        let width = SQUARE_COLUMNS.min(height - from);
+    by_columns(update, height, SQUARE_COLUMNS, |from, columns| {
+        let width = columns.len() / height;
+        let part = MatMut::from_column_major_slice_mut(columns, height, width).subrows_mut(from, height - from);
         matmul(
-            update.rb_mut().submatrix_mut(from, from, height - from, width),
+            part,
             Accum::Replace,
             below.subrows(from, height - from),
             below.subrows(from, width).transpose(),
             -1.0,
             Par::Seq,
         );
-        from += width;
-    }
+    });
 }
 
 /// Adds the lower triangle of a child's update to its parent's front, in the columns that `here` selects.

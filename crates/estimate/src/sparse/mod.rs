@@ -12,17 +12,20 @@
 //! and the symbolic analysis know nodes only. Vectors are node-major: `x[(node·b + k)·columns + column]`, so that three
 //! right-hand sides of a matrix with `b = 1` lie in memory as one right-hand side of its expansion to `b = 3`.
 //!
-//! Everything here runs on the calling thread: the same input gives the same bytes whatever the number of threads.
+//! Independent subtrees of the elimination tree are worked on side by side: the same input gives the same bytes whatever the
+//! number of threads.
 //! Not guaranteed: accuracy beyond what the condition of the information allows. A pivot that keeps no correct digit is
 //! reported as undetermined.
 
 mod cholesky;
 mod information;
 mod ordering;
+mod panel_vectors;
 mod pattern;
 mod selected_inverse;
 mod symbolic;
 mod trace;
+mod tree;
 
 pub use cholesky::CholeskyFactor;
 pub use information::{BlockInformation, ElementScatter};

@@ -12,11 +12,12 @@ use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::symbolic::Run;
+use super::tree::{Spare, Walk, by_columns};
 use super::{BlockInformation, BlockPattern, CholeskyFactor, SymbolicFactor};
 use crate::{Error, Result};
 
-/// Triangles of at most so many columns are multiplied as full matrices: their zeros cost less than sparing them.
-const NARROW: usize = 64;
+/// Columns of a product that are computed together: fixed, so that threads change nothing.
+const TOGETHER: usize = 64;
 
 /// Selected entries of the covariance `Z = Λ⁻¹`, exact up to rounding.
 ///
@@ -45,7 +46,7 @@ impl SelectedInverse {
     pub fn new(factor: &CholeskyFactor) -> Self {
         Self {
             symbolic: Arc::clone(factor.symbolic()),
-            values: Vec::new(),
+            values: vec![0.0; factor.symbolic().stored_values()],
         }
         .refresh(factor)
     }
@@ -56,83 +57,28 @@ impl SelectedInverse {
         let symbolic = factor.symbolic();
         let mut values = self.values;
         values.resize(symbolic.stored_values(), 0.0);
-        // Z_RR of a supernode, filled when its parent is done.
-        let mut known: Vec<Vec<f64>> = vec![Vec::new(); symbolic.supernodes()];
-        let mut spare: Vec<Vec<f64>> = Vec::new();
-        let (mut gain, mut inverse) = (Vec::new(), Vec::new());
-
-        for s in (0..symbolic.supernodes()).rev() {
+        let work = |s: usize| 2.0 * symbolic.tree_flops(s);
+        Walk::new(symbolic, &symbolic.value_start, &work).descend(&mut values, &|s, panel, z_rows, spare| {
             let (columns, height) = (symbolic.columns(s), symbolic.height(s));
-            let (top, below) = factor.panel(s);
-            let panel = &mut values[symbolic.value_start[s]..symbolic.value_start[s + 1]];
-            let z_rows = std::mem::take(&mut known[s]);
-            let (mut z_own, mut z_below) =
-                MatMut::from_column_major_slice_mut(panel, columns + height, columns).split_at_row_mut(columns);
-
-            resize(&mut inverse, columns * columns);
-            let mut inverse = MatMut::from_column_major_slice_mut(&mut inverse, columns, columns);
-            invert_lower_triangular(inverse.rb_mut(), top, Par::Seq);
-            triangular_matmul(
-                z_own.rb_mut(),
-                BlockStructure::TriangularLower,
-                Accum::Replace,
-                inverse.rb().transpose(),
-                BlockStructure::TriangularUpper,
-                inverse.rb(),
-                BlockStructure::TriangularLower,
-                1.0,
-                Par::Seq,
-            );
-            if height > 0 {
-                let z_rows = MatRef::from_column_major_slice(&z_rows[..height * height], height, height);
-                resize(&mut gain, height * columns);
-                let mut gain = MatMut::from_column_major_slice_mut(&mut gain, height, columns);
-                triangular_matmul(
-                    gain.rb_mut(),
-                    BlockStructure::Rectangular,
-                    Accum::Replace,
-                    below,
-                    BlockStructure::Rectangular,
-                    inverse.rb(),
-                    if columns > NARROW {
-                        BlockStructure::TriangularLower
-                    } else {
-                        BlockStructure::Rectangular
-                    },
-                    1.0,
-                    Par::Seq,
-                );
-                matmul(z_below.rb_mut(), Accum::Replace, z_rows, gain.rb(), -1.0, Par::Seq);
-                triangular_matmul(
-                    z_own.rb_mut(),
-                    BlockStructure::TriangularLower,
-                    Accum::Add,
-                    gain.rb().transpose(),
-                    BlockStructure::Rectangular,
-                    z_below.rb(),
-                    BlockStructure::Rectangular,
-                    -1.0,
-                    Par::Seq,
-                );
-            }
-            mirror(panel, columns + height, columns);
-
-            for &child in symbolic.children(s) {
-                let child = child as usize;
-                let mut part = spare.pop().unwrap_or_default();
-                gather(
-                    symbolic.runs(child),
-                    symbolic.height(child),
-                    panel,
-                    columns,
-                    height,
-                    &z_rows,
-                    &mut part,
-                );
-                known[child] = part;
-            }
-            spare.push(z_rows);
-        }
+            invert_panel(factor, s, panel, z_rows, spare);
+            let children = symbolic.children(s).iter();
+            children
+                .map(|&child| {
+                    let size = symbolic.height(child as usize);
+                    let mut part = spare.take(size * size);
+                    gather(
+                        symbolic.runs(child as usize),
+                        size,
+                        panel,
+                        columns,
+                        height,
+                        z_rows,
+                        &mut part[..size * size],
+                    );
+                    part
+                })
+                .collect()
+        });
         Self {
             symbolic: Arc::clone(symbolic),
             values,
@@ -286,24 +232,65 @@ impl std::fmt::Debug for SelectedInverse {
     }
 }
 
-fn resize(buffer: &mut Vec<f64>, length: usize) {
-    buffer.clear();
-    buffer.resize(length, 0.0);
+/// `Z_CC` and `Z_RC` of a supernode, whose `Z_RR` is known, into its panel.
+fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[f64], spare: &mut Spare) {
+    let symbolic = factor.symbolic();
+    let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+    let (top, below) = factor.panel(s);
+    let mut inverse_values = spare.take(columns * columns);
+    inverse_values[..columns * columns].fill(0.0);
+    let mut inverse = MatMut::from_column_major_slice_mut(&mut inverse_values[..columns * columns], columns, columns);
+    invert_lower_triangular(inverse.rb_mut(), top, Par::Seq);
+    let inverse = inverse.rb();
+    let (mut z_own, mut z_below) =
+        MatMut::from_column_major_slice_mut(panel, columns + height, columns).split_at_row_mut(columns);
+    triangular_matmul(
+        z_own.rb_mut(),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        inverse.transpose(),
+        BlockStructure::TriangularUpper,
+        inverse,
+        BlockStructure::TriangularLower,
+        1.0,
+        Par::Seq,
+    );
+    if height > 0 {
+        let z_rows = MatRef::from_column_major_slice(&z_rows[..height * height], height, height);
+        let mut gain = spare.take(height * columns);
+        by_columns(&mut gain[..height * columns], height, TOGETHER, |from, part| {
+            // The inverse is zero above its diagonal.
+            let width = part.len() / height;
+            matmul(
+                MatMut::from_column_major_slice_mut(part, height, width),
+                Accum::Replace,
+                below.subcols(from, columns - from),
+                inverse.submatrix(from, from, columns - from, width),
+                1.0,
+                Par::Seq,
+            );
+        });
+        let gain_matrix = MatRef::from_column_major_slice(&gain[..height * columns], height, columns);
+        minus_product(z_rows, gain_matrix, z_below.rb_mut());
+        triangular_matmul(
+            z_own.rb_mut(),
+            BlockStructure::TriangularLower,
+            Accum::Add,
+            gain_matrix.transpose(),
+            BlockStructure::Rectangular,
+            z_below.rb(),
+            BlockStructure::Rectangular,
+            -1.0,
+            Par::Seq,
+        );
+        spare.give_back(gain);
+    }
+    spare.give_back(inverse_values);
+    mirror(panel, columns + height, columns);
 }
 
 /// `Z_RR` of a child, both triangles, from its parent's front.
-fn gather(
-    runs: &[Run],
-    size: usize,
-    panel: &[f64],
-    columns: usize,
-    height: usize,
-    z_rows: &[f64],
-    part: &mut Vec<f64>,
-) {
-    if part.len() < size * size {
-        part.resize(size * size, 0.0);
-    }
+fn gather(runs: &[Run], size: usize, panel: &[f64], columns: usize, height: usize, z_rows: &[f64], part: &mut [f64]) {
     for (at, run) in runs.iter().enumerate() {
         let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
         for k in 0..length {
@@ -326,7 +313,19 @@ fn gather(
             }
         }
     }
-    mirror(&mut part[..size * size], size, size);
+    mirror(part, size, size);
+}
+
+/// `C ← −A B`, in pieces of columns side by side.
+fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
+    if c.ncols() > TOGETHER {
+        let half = (c.ncols() / 2).next_multiple_of(4);
+        let (left, right) = c.split_at_col_mut(half);
+        let (b_left, b_right) = b.split_at_col(half);
+        rayon::join(|| minus_product(a, b_left, left), || minus_product(a, b_right, right));
+    } else {
+        matmul(c, Accum::Replace, a, b, -1.0, Par::Seq);
+    }
 }
 
 /// Copies the lower triangle of the first `columns` rows and columns to the upper, tile by tile for the cache.

@@ -66,6 +66,19 @@ pub(super) struct Run {
     pub length: u32,
 }
 
+impl Run {
+    /// The part that lies in the parent's columns and the part in its rows, each as (from, to, length); `to` counts from the
+    /// first column or row.
+    pub(super) fn split(self, columns: usize) -> [(usize, usize, usize); 2] {
+        let (from, to, length) = (self.from as usize, self.to as usize, self.length as usize);
+        let own = columns.saturating_sub(to).min(length);
+        [
+            (from, to.min(columns - own), own),
+            (from + own, (to + own).saturating_sub(columns), length - own),
+        ]
+    }
+}
+
 /// The symbolic analysis of a Cholesky factorisation `P Λ Pᵀ = L Lᵀ`, in blocks of `b` unknowns per node.
 ///
 /// The permutation is the given ordering, postordered along the elimination tree.
@@ -89,6 +102,11 @@ pub struct SymbolicFactor {
     pub(super) parent: Vec<u32>,
     child_start: Vec<usize>,
     children: Vec<u32>,
+    roots: Vec<u32>,
+    /// The first supernode of the subtree that ends in each.
+    first_below: Vec<u32>,
+    /// Operations of a factorisation in the subtree that ends in each.
+    tree_flops: Vec<f64>,
     /// Start of each supernode's values: a column-major panel of (columns + rows)·b by columns·b.
     pub(super) value_start: Vec<usize>,
     /// The slots of all entries, by supernode.
@@ -134,12 +152,16 @@ impl SymbolicFactor {
             parent: groups.parent,
             child_start: Vec::new(),
             children: Vec::new(),
+            roots: Vec::new(),
+            first_below: Vec::new(),
+            tree_flops: Vec::new(),
             value_start: vec![0],
             slots: Vec::new(),
             slot_start: Vec::new(),
         };
         symbolic.link_children();
         symbolic.find_rows(&graph);
+        symbolic.measure_trees();
         symbolic.find_runs();
         symbolic.find_slots();
         Ok(symbolic)
@@ -163,6 +185,22 @@ impl SymbolicFactor {
             }
         }
         self.child_start = start;
+        self.roots = (0..supernodes as u32)
+            .filter(|&s| self.parent[s as usize] == NONE)
+            .collect();
+        self.first_below = (0..supernodes as u32).collect();
+        for s in 0..supernodes {
+            if let Some(&first) = self.children(s).first() {
+                self.first_below[s] = self.first_below[first as usize];
+            }
+        }
+    }
+
+    fn measure_trees(&mut self) {
+        for s in 0..self.supernodes() {
+            let below: f64 = self.children(s).iter().map(|&c| self.tree_flops[c as usize]).sum();
+            self.tree_flops.push(below + self.flops_of(s));
+        }
     }
 
     /// The rows of each supernode: those of its columns in the matrix, and those of its children that it keeps.
@@ -334,12 +372,32 @@ impl SymbolicFactor {
     /// Multiplications and additions of one factorisation.
     #[must_use]
     pub fn flops(&self) -> f64 {
-        (0..self.supernodes())
-            .map(|s| {
-                let (c, r) = (self.columns(s) as f64, self.height(s) as f64);
-                c * c * c / 3.0 + c * c * r + c * r * r
-            })
-            .sum()
+        (0..self.supernodes()).map(|s| self.flops_of(s)).sum()
+    }
+
+    fn flops_of(&self, s: usize) -> f64 {
+        let (c, r) = (self.columns(s) as f64, self.height(s) as f64);
+        c * c * c / 3.0 + c * c * r + c * r * r
+    }
+
+    /// The supernodes without parents.
+    pub(super) fn roots(&self) -> &[u32] {
+        &self.roots
+    }
+
+    /// The first supernode of the subtree that ends in `s`: the subtree is the run from there to `s`.
+    pub(super) fn first_below(&self, s: usize) -> usize {
+        self.first_below[s] as usize
+    }
+
+    /// Operations of a factorisation in the subtree that ends in `s`.
+    pub(super) fn tree_flops(&self, s: usize) -> f64 {
+        self.tree_flops[s]
+    }
+
+    /// Stored numbers of the factor in the subtree that ends in `s`.
+    pub(super) fn tree_values(&self, s: usize) -> usize {
+        self.value_start[s + 1] - self.value_start[self.first_below(s)]
     }
 
     /// Unknowns that a supernode eliminates.

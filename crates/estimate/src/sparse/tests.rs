@@ -421,6 +421,35 @@ fn symbolic_reuse_gives_the_same_bytes() {
 }
 
 #[test]
+fn the_number_of_threads_does_not_change_a_byte() {
+    let problem = Problem::grid(70, 50, 3, true);
+    let pattern = problem.pattern();
+    let dissected = NodeOrdering::nested_dissection(&pattern, &problem.coordinates).unwrap();
+    for (b, ordering) in [
+        (1, dissected.clone()),
+        (3, dissected),
+        (1, NodeOrdering::natural(pattern.nodes())),
+    ] {
+        let information = problem.information(&pattern, b, 2, 7);
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let factor = factor_with(&information, &ordering).unwrap();
+                let mut x = information.vector().to_vec();
+                factor.solve_in_place(&mut x).unwrap();
+                let inverse = SelectedInverse::new(&factor).diagonal();
+                let all = x.into_iter().chain(inverse).chain([factor.log_determinant()]);
+                all.map(f64::to_bits).collect::<Vec<_>>()
+            })
+        };
+        let one = run(1);
+        for threads in [2, 5] {
+            assert!(one == run(threads), "{threads} threads give other bytes with b = {b}");
+        }
+    }
+}
+
+#[test]
 fn scatter_maps_give_the_same_bytes_as_a_search() {
     let problem = Problem::scattered(50, 18);
     let pattern = problem.pattern();

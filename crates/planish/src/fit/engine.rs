@@ -76,8 +76,8 @@ pub(super) fn project(
             let covariance = observations.covariance(i);
             let factor = factors[observations.sensor(i)];
             let mut height = foot.height;
-            if let Some(curvature) = foot.jet.curvature() {
-                let lift = -factor * foot.jet.tangential_bias(&curvature, &covariance);
+            if let Some(bias) = foot.jet.tangential_bias(&covariance) {
+                let lift = -factor * bias;
                 // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
                 let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
                 height -= lift.clamp(-0.5 * sigma, 0.5 * sigma);
@@ -147,7 +147,7 @@ const PROBES: usize = 8;
 ///
 /// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found; the factor costs
 /// a twenty-seventh of the full one. `information` weighs the feet, `sensors` are theirs; `earlier` is information of three coordinates
-/// that is there already.
+/// that is there already; `memory` keeps the factor's memory from step to step.
 pub(super) fn normal_step(
     system: &SurfaceSystem,
     surface: &Surface,
@@ -157,6 +157,7 @@ pub(super) fn normal_step(
     prior: &BlockInformation,
     weight: f64,
     earlier: Option<&BlockInformation>,
+    memory: &mut Option<CholeskyFactor>,
 ) -> Result<NormalStep> {
     let space = system.space();
     let directions = system.node_normals(surface);
@@ -192,7 +193,7 @@ pub(super) fn normal_step(
     matrix.add_scaled(&data, 1.0)?;
     let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    let factor = system.factorize_scalar(&matrix)?;
+    let factor = system.refactorize_scalar(memory.take(), &matrix)?;
     let readings = readings.as_ref().unwrap_or(&data);
     let mut gradient: Vec<f64> = readings.vector().to_vec();
     for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
@@ -213,6 +214,7 @@ pub(super) fn normal_step(
         .zip(&directions)
         .zip(&step)
         .map(|((p, d), s)| add_scaled(*p, *s, *d));
+    *memory = Some(factor);
     Ok(NormalStep {
         surface: surface.with_vertices(vertices.collect())?,
         degrees,

@@ -14,6 +14,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_spline::{FootPointSearch, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Makes the model and reports; `earlier` is the model that the scans add to.
 pub(super) fn finish(
@@ -54,14 +55,15 @@ pub(super) fn finish(
         observations: earlier.map_or(0, |m| m.observations),
     };
     progress.check("covariance", 0.95)?;
-    let posterior = model.posterior()?;
+    let covariance = Arc::new(model.covariance(&system)?);
+    let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     let surface = &model.surface;
-    let degrees = degrees_of_sensors(
-        &posterior,
-        &FootSensors::new(observations, &subset),
-        &feet,
-        &information,
-    )?;
+    let degrees = if observations.stated.len() == 1 && earlier.is_none() {
+        vec![covariance.trace_with(&model.data, &system)?]
+    } else {
+        let sensors = FootSensors::new(observations, &subset);
+        degrees_of_sensors(&posterior, &sensors, &feet, &information)?
+    };
     noise = SensorNoise {
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
@@ -150,13 +152,16 @@ pub(super) fn finish(
         },
         warnings,
     };
-    drop(posterior);
     model.observed = observed;
     model.sensors = sensors;
     model.poses.extend(poses);
     model.observations += used.len();
     progress.advance("done", 1.0);
-    Ok(Fit { model, report })
+    Ok(Fit {
+        model,
+        report,
+        covariance,
+    })
 }
 
 /// Lays new observations on the surface of a model whose hierarchy stays.
@@ -173,7 +178,7 @@ pub(super) fn place(
         .collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
-    let mut feet = Vec::new();
+    let (mut feet, mut factor) = (Vec::new(), None);
     let mut degrees = vec![0.0; observations.stated.len()];
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
@@ -197,6 +202,7 @@ pub(super) fn place(
             &model.prior,
             1.0,
             Some(&model.data),
+            &mut factor,
         )?;
         (surface, degrees) = (step.surface, step.degrees);
     }

@@ -14,10 +14,10 @@
 //!
 //! Not guaranteed: shapes with handles; a ball cannot follow them and leaves films across.
 
-use super::indicator::{BlurredIndicator, Indicator};
+use super::indicator::{BlurredIndicator, Indicator, LEAST_BLUR_CELLS};
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
-use planish_spline::{BaseShape, Surface, SurfaceSystem, cubic, four_points};
+use planish_spline::{BaseShape, QuadraturePoint, Surface, SurfaceSystem, cubic};
 use std::sync::Arc;
 
 /// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
@@ -25,8 +25,6 @@ pub(super) const MOST_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
-/// The weakest blur, in grid cells of the indicator: at 1.2 thin ear tips end 6 mm short, at 0.7 a film stays between two ears.
-const LAST_BLUR_CELLS: f64 = 0.85;
 /// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
 const INWARD_SHARE: f64 = 0.3;
 /// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the base.
@@ -53,7 +51,8 @@ pub(super) fn grow(
     check: &dyn Fn(f64) -> Result<()>,
 ) -> Result<Surface> {
     let largest = base.size.iter().fold(0.0_f64, |a, &b| a.max(b));
-    let last = LAST_BLUR_CELLS * indicator.cell();
+    // At 1.2 cells thin ear tips would end 6 mm short, at 0.7 a film would stay between two ears.
+    let last = LEAST_BLUR_CELLS * indicator.cell();
     let mut blurs = vec![FIRST_BLUR * largest];
     while blurs[blurs.len() - 1] * BLUR_FACTOR > 1.1 * last {
         blurs.push(blurs[blurs.len() - 1] * BLUR_FACTOR);
@@ -116,12 +115,26 @@ struct Target {
 struct Stage {
     system: SurfaceSystem,
     factor: planish_estimate::sparse::CholeskyFactor,
-    weights: Vec<[f64; 4]>,
-    /// Area elements of the base at the Gauss points.
-    base_area: Vec<[f64; 4]>,
-    /// Weights of a leaf's coefficients at the Gauss points: value and the derivatives along u and v.
+    /// Points of each leaf at which steps are measured.
+    points: [QuadraturePoint; 4],
+    weights: Vec<f64>,
+    /// Area elements of the base at the points.
+    base_area: Vec<f64>,
+    /// Weights of a leaf's coefficients at the points: value and the derivatives along u and v.
     basis: [[[f64; 16]; 3]; 4],
     cell: f64,
+}
+
+/// The 2 × 2 Gauss points of a leaf. Its middle alone would be cheaper, but thin parts of scans with gaps come out shorter.
+fn gauss_points() -> [QuadraturePoint; 4] {
+    let near = 0.5 - 0.5 / 3.0_f64.sqrt();
+    [
+        [near, near],
+        [1.0 - near, near],
+        [near, 1.0 - near],
+        [1.0 - near, 1.0 - near],
+    ]
+    .map(|local| QuadraturePoint { local, weight: 0.25 })
 }
 
 /// Point and tangents of a leaf where the weights are known.
@@ -144,18 +157,21 @@ impl Stage {
         let mut matrix = system.mass(reference)?;
         matrix.add_scaled(&system.thin_plate(reference)?, (SMOOTHING_CELLS * cell).powi(4))?;
         let factor = system.factorize_scalar(&matrix)?;
-        let weights = system.field_weights(reference);
-        let side2 = 0.25 * surface.space().leaves()[0].side().powi(2);
-        let base_area = weights.iter().map(|w| w.map(|x| (x / side2).max(1e-300))).collect();
+        let points = gauss_points();
+        let weights = system.field_weights(reference, &points);
         let side = surface.space().leaves()[0].side();
-        let basis = four_points().map(|q| {
+        let share = side * side / points.len() as f64;
+        let base_area = weights.iter().map(|w| (w / share).max(1e-300)).collect();
+        let frame_weights = |q: QuadraturePoint| {
             let (bu, bv) = (cubic(q.local[0]), cubic(q.local[1]));
             [(0, 0, 1.0), (1, 0, 1.0 / side), (0, 1, 1.0 / side)]
                 .map(|(u, v, scale)| std::array::from_fn(|k| scale * bv[v][k / 4] * bu[u][k % 4]))
-        });
+        };
+        let basis = points.map(frame_weights);
         Ok(Self {
             system,
             factor,
+            points,
             weights,
             base_area,
             basis,
@@ -165,9 +181,15 @@ impl Stage {
 
     /// The logarithm of how much each place is stretched against the base, as a smooth function (in the first coordinate).
     fn stretch(&self, surface: &Surface) -> Result<Surface> {
-        let mut field = self.system.project_field(&self.weights, |leaf, n, _| {
+        let mut field = self.system.project_field(&self.points, &self.weights, |leaf, n| {
             let [_, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            [(norm(cross(du, dv)) / self.base_area[leaf][n]).max(1e-6).ln(), 0.0, 0.0]
+            [
+                (norm(cross(du, dv)) / self.base_area[leaf * self.points.len() + n])
+                    .max(1e-6)
+                    .ln(),
+                0.0,
+                0.0,
+            ]
         });
         self.factor.solve_in_place(&mut field)?;
         self.system.surface(&field)
@@ -177,7 +199,7 @@ impl Stage {
     fn step(&self, surface: &Surface, stretch: &Surface, target: &Target) -> Result<Vec<f64>> {
         let cell = self.cell;
         let longest = LONGEST_STEP_CELLS * cell;
-        let mut step = self.system.project_field(&self.weights, |leaf, n, at| {
+        let mut step = self.system.project_field(&self.points, &self.weights, |leaf, n| {
             let [point, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
             let Some(normal) = unit(cross(du, dv)) else {
                 return [0.0; 3];
@@ -197,9 +219,10 @@ impl Stage {
             }
             let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
             if outside > 0.0
-                && let Some(curvature) = surface.leaf_jet(leaf, at[0], at[1]).curvature()
+                && let [s, t] = self.points[n].local
+                && let Some(mean) = surface.leaf_jet(leaf, s, t).mean_curvature()
             {
-                let draw = (DRAW * cell * cell * curvature.mean()).clamp(-longest, longest);
+                let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
                 d = add_scaled(d, outside * draw, normal);
             }
             let [_, fu, fv] = frame(&self.basis[n], stretch.leaf_coefficients(leaf));

@@ -22,21 +22,32 @@ use std::f64::consts::TAU;
 const CELLS: usize = 96;
 /// The box around the points is this much larger than they are, so that its periodic images do not meet.
 const PADDING: f64 = 1.6;
+/// The weakest blur that the full grid can show, in its cells.
+pub(super) const LEAST_BLUR_CELLS: f64 = 0.85;
+/// A coarser grid is taken where it has so many cells a blur: at half as many a film stays between two ears.
+const AMPLE_BLUR_CELLS: f64 = 1.7;
 /// Blur of the density estimate, in grid cells.
 const DENSITY_BLUR: f64 = 2.0;
 
 /// The transformed indicator of a cloud.
 pub(super) struct Indicator {
-    origin: [f64; 3],
-    cell: f64,
+    grid: Grid,
     spectrum: Vec<Complex<f64>>,
 }
 
 /// The indicator at one blur.
 pub(super) struct BlurredIndicator {
-    origin: [f64; 3],
-    cell: f64,
+    grid: Grid,
     values: Vec<f64>,
+}
+
+/// A cubic grid of sample points, periodic.
+#[derive(Clone, Copy)]
+struct Grid {
+    origin: [f64; 3],
+    /// Distance between points, and how many there are along each side.
+    cell: f64,
+    cells: usize,
 }
 
 impl Indicator {
@@ -46,18 +57,20 @@ impl Indicator {
             ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
         });
         let side = PADDING * (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max);
-        let origin = [0, 1, 2].map(|d| 0.5 * (lo[d] + hi[d]) - 0.5 * side);
-        let cell = side / CELLS as f64;
+        let grid = Grid {
+            origin: [0, 1, 2].map(|d| 0.5 * (lo[d] + hi[d]) - 0.5 * side),
+            cell: side / CELLS as f64,
+            cells: CELLS,
+        };
         let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         for p in points {
-            splat(origin, cell, *p, |index, w| counts[index].re += w);
+            grid.splat(*p, |index, w| counts[index].re += w);
         }
-        transform(&mut counts, FftDirection::Forward);
-        blur(&mut counts, DENSITY_BLUR);
-        transform(&mut counts, FftDirection::Inverse);
+        transform(&mut counts, CELLS, FftDirection::Forward);
+        blur(&mut counts, CELLS, DENSITY_BLUR);
+        transform(&mut counts, CELLS, FftDirection::Inverse);
         let density = BlurredIndicator {
-            origin,
-            cell,
+            grid,
             values: counts.iter().map(|c| c.re / counts.len() as f64).collect(),
         };
         // Two real fields ride in one complex transform; the third has its own.
@@ -70,17 +83,17 @@ impl Indicator {
             }
             // A sheet of ρ points an area has the blurred density ρ/(√2π σ) on it; the constant drops out of the level set.
             let a = scale(1.0 / there, *n);
-            splat(origin, cell, *p, |index, w| {
+            grid.splat(*p, |index, w| {
                 xy[index] += Complex::new(w * a[0], w * a[1]);
                 z[index].re += w * a[2];
             });
         }
-        transform(&mut xy, FftDirection::Forward);
-        transform(&mut z, FftDirection::Forward);
+        transform(&mut xy, CELLS, FftDirection::Forward);
+        transform(&mut z, CELLS, FftDirection::Forward);
         let spectrum = (0..CELLS.pow(3))
             .into_par_iter()
             .map(|index| {
-                let k = wave(index);
+                let k = wave(index, CELLS);
                 let k2 = dot(k, k);
                 if k2 == 0.0 {
                     return Complex::new(0.0, 0.0);
@@ -92,23 +105,34 @@ impl Indicator {
                 (x * k[0] + y * k[1] + z[index] * k[2]) * Complex::new(0.0, 1.0 / k2)
             })
             .collect();
-        Self { origin, cell, spectrum }
+        Self { grid, spectrum }
     }
 
     /// Side of a grid cell.
     pub(super) fn cell(&self) -> f64 {
-        self.cell
+        self.grid.cell
     }
 
-    /// The indicator blurred by a Gaussian of the given σ (a length).
+    /// The indicator blurred by a Gaussian of the given σ (a length), on a grid just fine enough for it.
     pub(super) fn blurred(&self, sigma: f64) -> BlurredIndicator {
-        let mut grid = self.spectrum.clone();
-        blur(&mut grid, sigma / self.cell);
-        transform(&mut grid, FftDirection::Inverse);
+        let mut grid = self.grid;
+        while grid.cells.is_multiple_of(4) && sigma >= AMPLE_BLUR_CELLS * 2.0 * grid.cell {
+            grid.cells /= 2;
+            grid.cell *= 2.0;
+        }
+        // A coarser grid holds the low frequencies only: the blur leaves nothing of the others.
+        let n = grid.cells;
+        let mut waves: Vec<Complex<f64>> = (0..n.pow(3))
+            .map(|index| {
+                let [a, b, c] = split(index, n).map(|m| if m > n / 2 { m + CELLS - n } else { m });
+                self.spectrum[(c * CELLS + b) * CELLS + a]
+            })
+            .collect();
+        blur(&mut waves, n, sigma / grid.cell);
+        transform(&mut waves, n, FftDirection::Inverse);
         BlurredIndicator {
-            origin: self.origin,
-            cell: self.cell,
-            values: grid.iter().map(|c| c.re).collect(),
+            grid,
+            values: waves.iter().map(|c| c.re).collect(),
         }
     }
 }
@@ -116,10 +140,8 @@ impl Indicator {
 impl BlurredIndicator {
     /// Value and gradient by trilinear interpolation; outside the box, of its nearest point.
     pub(super) fn sample(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
-        let (corner, t) = locate(self.origin, self.cell, p);
-        let at = |a: usize, b: usize, c: usize| {
-            self.values[((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS]
-        };
+        let (corner, t) = self.grid.locate(p);
+        let at = |a: usize, b: usize, c: usize| self.values[self.grid.index(corner, [a, b, c])];
         let (mut value, mut gradient) = (0.0, [0.0; 3]);
         for c in 0..2 {
             for b in 0..2 {
@@ -134,7 +156,7 @@ impl BlurredIndicator {
                 }
             }
         }
-        (value, scale(1.0 / self.cell, gradient))
+        (value, scale(1.0 / self.grid.cell, gradient))
     }
 
     /// How steeply the indicator falls at the points: their median slope.
@@ -162,68 +184,80 @@ impl BlurredIndicator {
     }
 }
 
-fn locate(origin: [f64; 3], cell: f64, p: [f64; 3]) -> ([usize; 3], [f64; 3]) {
-    let x = scale(1.0 / cell, sub(p, origin)).map(|c| c.clamp(0.0, CELLS as f64 - 1.0));
-    let corner = x.map(|c| c as usize);
-    (corner, [0, 1, 2].map(|d| x[d] - corner[d] as f64))
-}
+impl Grid {
+    /// The grid point below `p` and the local coordinates from there.
+    fn locate(self, p: [f64; 3]) -> ([usize; 3], [f64; 3]) {
+        let x = scale(1.0 / self.cell, sub(p, self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
+        let corner = x.map(|c| c as usize);
+        (corner, [0, 1, 2].map(|d| x[d] - corner[d] as f64))
+    }
 
-fn splat(origin: [f64; 3], cell: f64, p: [f64; 3], mut add: impl FnMut(usize, f64)) {
-    let (corner, t) = locate(origin, cell, p);
-    for c in 0..2 {
-        for b in 0..2 {
-            for a in 0..2 {
-                let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
-                add(
-                    ((corner[2] + c) % CELLS * CELLS + (corner[1] + b) % CELLS) * CELLS + (corner[0] + a) % CELLS,
-                    w,
-                );
+    /// The index of the point `step` above a corner; the grid is periodic.
+    fn index(self, corner: [usize; 3], step: [usize; 3]) -> usize {
+        let [a, b, c] = [0, 1, 2].map(|d| {
+            let m = corner[d] + step[d];
+            if m >= self.cells { m - self.cells } else { m }
+        });
+        (c * self.cells + b) * self.cells + a
+    }
+
+    fn splat(self, p: [f64; 3], mut add: impl FnMut(usize, f64)) {
+        let (corner, t) = self.locate(p);
+        for c in 0..2 {
+            for b in 0..2 {
+                for a in 0..2 {
+                    let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
+                    add(self.index(corner, [a, b, c]), w);
+                }
             }
         }
     }
 }
 
+/// Position along each axis of a point of a grid of `n` points a side.
+fn split(index: usize, n: usize) -> [usize; 3] {
+    [index % n, index / n % n, index / n / n]
+}
+
 /// Wave vector of a spectral index, in radians a grid cell.
-fn wave(index: usize) -> [f64; 3] {
-    [index % CELLS, index / CELLS % CELLS, index / CELLS / CELLS].map(|m| {
-        let signed = if m > CELLS / 2 {
-            m as f64 - CELLS as f64
-        } else {
-            m as f64
-        };
+fn wave(index: usize, n: usize) -> [f64; 3] {
+    split(index, n).map(|m| {
+        let signed = if m > n / 2 { m as f64 - n as f64 } else { m as f64 };
         // The highest frequency has no sign: an odd multiplier must leave it out.
-        if m == CELLS / 2 {
-            0.0
-        } else {
-            TAU * signed / CELLS as f64
-        }
+        if m == n / 2 { 0.0 } else { TAU * signed / n as f64 }
     })
 }
 
 fn mirrored(index: usize) -> usize {
-    let m = [index % CELLS, index / CELLS % CELLS, index / CELLS / CELLS].map(|m| (CELLS - m) % CELLS);
+    let m = split(index, CELLS).map(|m| (CELLS - m) % CELLS);
     (m[2] * CELLS + m[1]) * CELLS + m[0]
 }
 
-fn blur(grid: &mut [Complex<f64>], sigma_cells: f64) {
-    grid.par_iter_mut().enumerate().for_each(|(index, value)| {
-        let k = wave(index);
-        *value *= (-0.5 * sigma_cells * sigma_cells * dot(k, k)).exp();
+fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
+    // A Gaussian is the product of Gaussians along the axes.
+    let along: Vec<f64> = (0..n)
+        .map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp())
+        .collect();
+    grid.par_chunks_mut(n).enumerate().for_each(|(row, values)| {
+        let across = along[row % n] * along[row / n];
+        for (value, w) in values.iter_mut().zip(&along) {
+            *value *= across * w;
+        }
     });
 }
 
 /// The transform along all three axes, not normalised.
-fn transform(grid: &mut Vec<Complex<f64>>, direction: FftDirection) {
-    let plan = FftPlanner::new().plan_fft(CELLS, direction);
+fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
+    let plan = FftPlanner::new().plan_fft(n, direction);
     for _ in 0..3 {
-        grid.par_chunks_mut(CELLS * CELLS).for_each(|slab| plan.process(slab));
+        grid.par_chunks_mut(n * n).for_each(|slab| plan.process(slab));
         // Turn the axes: what was contiguous becomes the slowest.
         let turned: Vec<Complex<f64>> = {
             let source = &*grid;
             let mut out = vec![Complex::new(0.0, 0.0); source.len()];
-            out.par_chunks_mut(CELLS * CELLS).enumerate().for_each(|(x, slab)| {
+            out.par_chunks_mut(n * n).enumerate().for_each(|(x, slab)| {
                 for (row, line) in slab.iter_mut().enumerate() {
-                    *line = source[row * CELLS + x];
+                    *line = source[row * n + x];
                 }
             });
             out

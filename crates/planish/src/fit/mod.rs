@@ -11,7 +11,7 @@ mod stages;
 pub use crate::model::SigmaSummary;
 pub use observations::{ObservationOptions, Observations, Rejection};
 
-use crate::model::SurfaceModel;
+use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::Result;
 use planish_exchange::ScanSet;
@@ -19,6 +19,7 @@ use planish_sense::ScanChecks;
 use planish_spline::Shape;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,6 +122,15 @@ pub struct Fit {
     pub model: SurfaceModel,
     /// The figures.
     pub report: FitReport,
+    covariance: Arc<NodeCovariance>,
+}
+
+impl Fit {
+    /// The posterior covariance of the model, which the fit has made already.
+    #[must_use]
+    pub fn posterior(&self) -> Posterior<'_> {
+        Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
+    }
 }
 
 /// Fits a surface to scans.

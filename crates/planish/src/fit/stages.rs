@@ -180,11 +180,8 @@ pub(super) fn refine_to_noise(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
-    let mut at = vec![[0.0; 2]; observations.len()];
+    let mut at = vec![[f64::NAN; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
-    // Every reading is searched for once, with its normal; later its foot is followed from where it was.
-    let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-    project(&surface, observations, &subset, &mut at, Some(&search), &noise.used);
     let mut weight = None;
     let mut degrees: Option<Vec<f64>> = None;
     let mut final_round = false;
@@ -198,23 +195,30 @@ pub(super) fn refine_to_noise(
             let wanted = (SAMPLE_PER_LEAF * surface.space().leaves().len()).max(40_000);
             subset.iter().copied().step_by((subset.len() / wanted).max(1)).collect()
         };
+        // A reading is searched for when it is first seen, with its normal; later its foot is followed from where it was. In the last
+        // round all are searched for anew.
+        let lost: Vec<u32> = sample
+            .iter()
+            .copied()
+            .filter(|&i| final_round || at[i as usize][0].is_nan())
+            .collect();
+        if !lost.is_empty() {
+            let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
+            project(&surface, observations, &lost, &mut at, Some(&search), &noise.used);
+        }
         let iterations = if final_round {
             LAST_ITERATIONS
         } else {
             MOST_FINDING_ITERATIONS
         };
         let mut feet;
+        let mut factor = None;
         // The metric stays that of the surface at the start of the round.
         let mut energy = BendingEnergy::new(&system, &surface)?;
         for iteration in 0..iterations {
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
-            if final_round && iteration == 0 {
-                let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-                feet = project(&surface, observations, &sample, &mut at, Some(&search), &noise.used);
-            } else {
-                feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
-            }
+            feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
             let sensors = FootSensors::new(observations, &sample);
             let known = degrees.get_or_insert_with(|| first_degrees(&surface, &sensors));
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, known, final_round)?;
@@ -234,6 +238,7 @@ pub(super) fn refine_to_noise(
                 &energy.matrix,
                 start,
                 None,
+                &mut factor,
             )?;
             surface = step.surface;
             energy.measure(&surface);
@@ -424,21 +429,21 @@ fn few(space: &Hierarchy) -> usize {
 
 /// Splits as many of the misfits, worst first, as the limit of coefficients allows, and says whether those were all.
 fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarchy, bool) {
-    let split = |count: usize| space.refine(&blocks(space, &misfits[..count]));
-    let all = split(misfits.len());
-    if all.node_count() <= most {
-        return (all, true);
+    let marked = |count: usize| blocks(space, &misfits[..count]);
+    let nodes = |count: usize| space.refined_node_count(&marked(count));
+    if nodes(misfits.len()) <= most {
+        return (space.refine(&marked(misfits.len())), true);
     }
     let (mut fits, mut too_many) = (0, misfits.len());
     while too_many - fits > few(space).div_ceil(8) {
         let middle = fits.midpoint(too_many);
-        if split(middle).node_count() <= most {
+        if nodes(middle) <= most {
             fits = middle;
         } else {
             too_many = middle;
         }
     }
-    (split(fits), false)
+    (space.refine(&marked(fits)), false)
 }
 
 /// One bicubic function of the next level lives on a 2 × 2 block: the block at the worst corner of each leaf.
@@ -639,7 +644,7 @@ fn misfit(
     // Weak misfit is split too while that leaves most of the budget to stronger misfit yet to be found.
     let before = strong.len();
     strong.append(&mut weak);
-    if before >= few(space) && space.refine(&blocks(space, &strong)).node_count() > options.max_coefficients / 2 {
+    if before >= few(space) && space.refined_node_count(&blocks(space, &strong)) > options.max_coefficients / 2 {
         strong.truncate(before);
     }
     strong.sort_by(worst_first);

@@ -1,0 +1,99 @@
+//! The extraction of all leaves as one sparse matrix.
+//!
+//! Comes in: a [`Hierarchy`]. Goes out: coefficients of all leaves from control vertices, and the transpose of that map for
+//! right-hand sides. Most coefficients are one vertex each; the dense weights of [`Hierarchy::extraction`] are mostly zeros.
+//! The same bytes at any number of threads.
+
+use crate::hierarchy::Hierarchy;
+use rayon::prelude::*;
+
+/// Rows of a sparse matrix.
+#[derive(Debug, Clone)]
+struct Rows {
+    start: Vec<u32>,
+    entries: Vec<(u32, f64)>,
+}
+
+impl Rows {
+    fn of(&self, row: usize) -> &[(u32, f64)] {
+        &self.entries[self.start[row] as usize..self.start[row + 1] as usize]
+    }
+
+    /// `Σ weight · value` over the entries of a row.
+    #[inline]
+    fn combine(&self, row: usize, value: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for &(column, w) in self.of(row) {
+            let p = value(column as usize);
+            for d in 0..3 {
+                sum[d] += w * p[d];
+            }
+        }
+        sum
+    }
+}
+
+/// The weights of nodes in the coefficients of leaves, by coefficient and by node.
+#[derive(Debug, Clone)]
+pub(crate) struct SparseExtraction {
+    /// Row `16 · leaf + k`: nodes.
+    by_coefficient: Rows,
+    /// Row `node`: `16 · leaf + k`.
+    by_node: Rows,
+}
+
+impl SparseExtraction {
+    pub(crate) fn new(space: &Hierarchy) -> Self {
+        let leaves = space.leaves().len();
+        let (mut start, mut entries) = (vec![0], Vec::with_capacity(20 * leaves));
+        let mut count = vec![0_u32; space.node_count() + 1];
+        for leaf in 0..leaves {
+            let (nodes, weights) = space.extraction(leaf);
+            for k in 0..16 {
+                for (&node, w) in nodes.iter().zip(weights).filter(|(_, w)| w[k] != 0.0) {
+                    entries.push((node, w[k]));
+                    count[node as usize + 1] += 1;
+                }
+                start.push(entries.len() as u32);
+            }
+        }
+        for node in 0..space.node_count() {
+            count[node + 1] += count[node];
+        }
+        let mut by_node = Rows {
+            start: count.clone(),
+            entries: vec![(0, 0.0); entries.len()],
+        };
+        let by_coefficient = Rows { start, entries };
+        for row in 0..16 * leaves {
+            for &(node, w) in by_coefficient.of(row) {
+                let place = &mut count[node as usize];
+                by_node.entries[*place as usize] = (row as u32, w);
+                *place += 1;
+            }
+        }
+        Self {
+            by_coefficient,
+            by_node,
+        }
+    }
+
+    /// Sixteen coefficients of every leaf.
+    pub(crate) fn coefficients(&self, vertices: &[[f64; 3]]) -> Vec<[[f64; 3]; 16]> {
+        (0..(self.by_coefficient.start.len() - 1) / 16)
+            .into_par_iter()
+            .with_min_len(512)
+            .map(|leaf| std::array::from_fn(|k| self.by_coefficient.combine(16 * leaf + k, |node| vertices[node])))
+            .collect()
+    }
+
+    /// What values of all coefficients are for the nodes: node-major, three columns.
+    pub(crate) fn gather(&self, of_leaves: &[[[f64; 3]; 16]]) -> Vec<f64> {
+        (0..self.by_node.start.len() - 1)
+            .into_par_iter()
+            .with_min_len(512)
+            .map(|node| self.by_node.combine(node, |row| of_leaves[row / 16][row % 16]))
+            .collect::<Vec<_>>()
+            .into_flattened()
+    }
+}
