@@ -18,6 +18,7 @@ use super::indicator::{BlurredIndicator, Indicator, LEAST_BLUR_CELLS};
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
 use planish_spline::{BaseShape, QuadraturePoint, Surface, SurfaceSystem, cubic};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
@@ -79,13 +80,13 @@ pub(super) fn grow(
             steep: field.steepness(points),
             field,
         };
-        let mut stretch = None;
+        let mut stretch = Vec::new();
         for step in 0..MOST_STEPS {
             check((stage as f64 + step as f64 / MOST_STEPS as f64) / blurs.len() as f64)?;
             if step % STRETCH_EVERY == 0 {
-                stretch = Some(stage_of_level.stretch(&surface)?);
+                stretch = stage_of_level.stretch(&surface)?;
             }
-            let moved = stage_of_level.step(&surface, stretch.as_ref().unwrap_or(&surface), &target)?;
+            let moved = stage_of_level.step(&surface, &stretch, &target)?;
             let longest = moved
                 .chunks_exact(3)
                 .map(|d| norm([d[0], d[1], d[2]]))
@@ -179,24 +180,27 @@ impl Stage {
         })
     }
 
-    /// The logarithm of how much each place is stretched against the base, as a smooth function (in the first coordinate).
-    fn stretch(&self, surface: &Surface) -> Result<Surface> {
+    /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u and v at the points.
+    fn stretch(&self, surface: &Surface) -> Result<Vec<[f64; 2]>> {
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf, n| {
             let [_, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            [
-                (norm(cross(du, dv)) / self.base_area[leaf * self.points.len() + n])
-                    .max(1e-6)
-                    .ln(),
-                0.0,
-                0.0,
-            ]
+            let base = self.base_area[leaf * self.points.len() + n];
+            [(norm(cross(du, dv)) / base).max(1e-6).ln(), 0.0, 0.0]
         });
         self.factor.solve_in_place(&mut field)?;
-        self.system.surface(&field)
+        let smooth = self.system.surface(&field)?;
+        let leaves = surface.space().leaves().len();
+        let derivatives = (0..leaves).into_par_iter().with_min_len(64).flat_map_iter(|leaf| {
+            let coefficients = smooth.leaf_coefficients(leaf);
+            self.basis.iter().map(move |[_, along_u, along_v]| {
+                [along_u, along_v].map(|w| w.iter().zip(coefficients).map(|(w, c)| w * c[0]).sum())
+            })
+        });
+        Ok(derivatives.collect())
     }
 
     /// The smoothed step of every node.
-    fn step(&self, surface: &Surface, stretch: &Surface, target: &Target) -> Result<Vec<f64>> {
+    fn step(&self, surface: &Surface, stretch: &[[f64; 2]], target: &Target) -> Result<Vec<f64>> {
         let cell = self.cell;
         let longest = LONGEST_STEP_CELLS * cell;
         let mut step = self.system.project_field(&self.points, &self.weights, |leaf, n| {
@@ -225,9 +229,11 @@ impl Stage {
                 let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
                 d = add_scaled(d, outside * draw, normal);
             }
-            let [_, fu, fv] = frame(&self.basis[n], stretch.leaf_coefficients(leaf));
             let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
-            add(d, drift(du, dv, [fu[0], fv[0]], strength, longest))
+            add(
+                d,
+                drift(du, dv, stretch[leaf * self.points.len() + n], strength, longest),
+            )
         });
         self.factor.solve_in_place(&mut step)?;
         Ok(step)

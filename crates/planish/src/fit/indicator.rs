@@ -142,21 +142,18 @@ impl BlurredIndicator {
     pub(super) fn sample(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
         let (corner, t) = self.grid.locate(p);
         let at = |a: usize, b: usize, c: usize| self.values[self.grid.index(corner, [a, b, c])];
-        let (mut value, mut gradient) = (0.0, [0.0; 3]);
-        for c in 0..2 {
-            for b in 0..2 {
-                for a in 0..2 {
-                    let v = at(a, b, c);
-                    let w = [[1.0 - t[0], t[0]][a], [1.0 - t[1], t[1]][b], [1.0 - t[2], t[2]][c]];
-                    let s = [[-1.0, 1.0][a], [-1.0, 1.0][b], [-1.0, 1.0][c]];
-                    value += v * w[0] * w[1] * w[2];
-                    gradient[0] += v * s[0] * w[1] * w[2];
-                    gradient[1] += v * w[0] * s[1] * w[2];
-                    gradient[2] += v * w[0] * w[1] * s[2];
-                }
-            }
-        }
-        (value, scale(1.0 / self.grid.cell, gradient))
+        // Along x, then y, then z; each step keeps what the derivatives need.
+        let along_x = |b: usize, c: usize| {
+            let (low, high) = (at(0, b, c), at(1, b, c));
+            [low + t[0] * (high - low), high - low]
+        };
+        let along_y = |c: usize| {
+            let ([low, low_x], [high, high_x]) = (along_x(0, c), along_x(1, c));
+            [low + t[1] * (high - low), low_x + t[1] * (high_x - low_x), high - low]
+        };
+        let (low, high) = (along_y(0), along_y(1));
+        let [value, gx, gy] = [0, 1, 2].map(|k| low[k] + t[2] * (high[k] - low[k]));
+        (value, scale(1.0 / self.grid.cell, [gx, gy, high[0] - low[0]]))
     }
 
     /// How steeply the indicator falls at the points: their median slope.

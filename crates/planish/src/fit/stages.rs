@@ -378,7 +378,7 @@ fn first_degrees(surface: &Surface, sensors: &FootSensors<'_>) -> Vec<f64> {
 
 /// Smooth over a seventh of a leaf, to start the search for the weight: a stiff start would undo what growth has found.
 fn first_weight(surface: &Surface, information: &[f64]) -> f64 {
-    let area: f64 = surface.thin_plate(surface.space()).iter().map(|l| l.area).sum();
+    let area: f64 = leaf_areas(surface).iter().sum();
     let density = information.iter().sum::<f64>() / area;
     density * (area / surface.space().leaves().len() as f64).powi(2) * 0.0005
 }
