@@ -33,7 +33,6 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: vec![args.model.clone(), args.reference.clone()],
         outputs: Vec::new(),
         warnings: report.warnings.clone(),
-        undetermined: false,
         body: Body {
             report,
             termination: "converged",

@@ -51,7 +51,6 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: read(args, &done),
         outputs: done.written.iter().map(|w| w.file.clone()).collect(),
         warnings: done.fit.warnings.clone(),
-        undetermined: done.fit.termination == FitTermination::Undetermined,
         body: Body {
             fit: done.fit,
             observations_of_all_sessions: done.observations_of_all_sessions,
@@ -171,7 +170,6 @@ fn ending(termination: FitTermination) -> &'static str {
         FitTermination::Converged => "converged: only noise is left",
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",
-        FitTermination::Undetermined => "undetermined: the data do not say what the surface is everywhere",
     }
 }
 

@@ -30,7 +30,6 @@ fn work(args: &InfoArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: found.files.clone(),
         outputs: Vec::new(),
         warnings: found.warnings.clone(),
-        undetermined: false,
         body: Body {
             info: found,
             termination: "converged",

@@ -26,8 +26,6 @@ pub struct Summary<B> {
     pub text: String,
     /// What a user should know.
     pub warnings: Vec<String>,
-    /// Whether the data leave the answer open.
-    pub undetermined: bool,
 }
 
 /// The JSON object: the common keys, then those of the command.
@@ -90,12 +88,7 @@ pub fn run<B: Serialize>(
             if !common.quiet {
                 warn(&summary.warnings);
             }
-            let code = if summary.undetermined {
-                ErrorKind::Undetermined.exit_code()
-            } else {
-                0
-            };
-            (code, printed)
+            (0, printed)
         }
         Err(e) => {
             failure::print(&e, name);

@@ -48,7 +48,6 @@ fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: Vec::new(),
         outputs: made.files.clone(),
         warnings: Vec::new(),
-        undetermined: false,
         body: Body {
             rows: made.rows,
             columns: made.columns,

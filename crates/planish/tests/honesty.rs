@@ -39,6 +39,51 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
     (heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64).sqrt()
 }
 
+/// A touch probe takes few readings. Its σ must come out, and the surface must be their plane, not one through each of them.
+#[test]
+fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
+    let (sigma, count, runs) = (0.01, 20, 40);
+    let (mut found, mut square) = (0.0, 0.0);
+    for seed in 0..runs {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = || -> f64 { Distribution::<f64>::sample(&StandardNormal, &mut rng) };
+        let points = (0..count).map(|_| [normal(), normal(), sigma * normal()]).collect();
+        let set = ScanSet {
+            sensors: vec![Sensor {
+                name: "probe".to_owned(),
+                kind: SensorKind::Touch,
+                noise: None,
+            }],
+            scans: vec![PosedScan {
+                scan: Scan {
+                    name: "plane".to_owned(),
+                    points,
+                    ..Scan::default()
+                },
+                sensor: 0,
+                sigma_translation: None,
+                sigma_rotation_deg: None,
+            }],
+            ..ScanSet::default()
+        };
+        let options = FitOptions {
+            held_out_share: 0.0,
+            shape: Some(Shape::Sheet),
+            ..FitOptions::default()
+        };
+        let fit = fit(&set, &options, &Silent).unwrap();
+        found += fit.report.sensors[0].sigma_estimated.powi(2) / runs as f64;
+        let [u, v] = fit.model.surface.space().extent();
+        let middle = fit.model.surface.point(0.5 * u, 0.5 * v);
+        square += middle[2] * middle[2] / runs as f64;
+    }
+    println!("σ {:.5}, middle off by {:.5}", found.sqrt(), square.sqrt());
+    // The variance of 40 × 17 degrees of freedom is known to √(2/680) = 5 %.
+    assert!((found / (sigma * sigma) - 1.0).abs() < 0.2, "σ² = {found}");
+    // A plane's middle is known to σ/√20 and a little more where the readings do not surround it.
+    assert!(square.sqrt() < 0.5 * sigma, "the middle is off by {}", square.sqrt());
+}
+
 /// Noise of 5 % of the radius lifts readings by 0.25 % of it on average: a radius that is too large if nobody takes that off.
 #[test]
 fn a_noisy_sphere_keeps_its_radius() {

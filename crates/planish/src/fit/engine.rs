@@ -2,9 +2,9 @@
 
 use super::observations::Observations;
 use crate::point_sigmas::order_by_leaf;
-use planish_estimate::Result;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::variance_along;
 use planish_spline::{FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rand::{RngExt, SeedableRng};
@@ -193,7 +193,16 @@ pub(super) fn normal_step(
     matrix.add_scaled(&data, 1.0)?;
     let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    let factor = system.refactorize_scalar(memory.take(), &matrix)?;
+    let factor = system
+        .refactorize_scalar(memory.take(), &matrix)
+        .map_err(|e| match e.kind() {
+            ErrorKind::Undetermined => Error::undetermined(format!(
+                "{} readings near the surface leave its shape open",
+                information.iter().filter(|&&w| w > 0.0).count()
+            ))
+            .with_source(e),
+            _ => e,
+        })?;
     let readings = readings.as_ref().unwrap_or(&data);
     let mut gradient: Vec<f64> = readings.vector().to_vec();
     for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {

@@ -64,8 +64,6 @@ pub enum FitTermination {
     ReachedTolerance,
     /// The limit of coefficients or iterations was reached first.
     Limit,
-    /// The data do not determine the surface everywhere it was asked for.
-    Undetermined,
 }
 
 /// Held-out readings against the surface.
@@ -169,7 +167,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         && unit != model.unit
     {
         return Err(planish_estimate::Error::input(format!(
-            "the scans are in {}, the model in {}: convert one of them",
+            "the scans' unit is {}, the model's is {}: convert one of them",
             unit.name(),
             model.unit.name()
         )));

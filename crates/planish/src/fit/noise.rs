@@ -78,8 +78,8 @@ impl SensorNoise {
             }
             let scale = gated_scale(&normalised, gate)?;
             // Readings that the fit follows wherever they go say nothing of their error.
-            let redundancy = 1.0 - degrees[sensor] / normalised.len() as f64;
-            let redundant = redundancy * normalised.len() as f64;
+            let redundancy = 1.0 - degrees[sensor] / scale.kept.max(1) as f64;
+            let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
             noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(1e-24);
             let ratio = noise.estimated[sensor].sqrt();

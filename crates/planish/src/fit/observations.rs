@@ -96,6 +96,9 @@ pub struct ObservationOptions {
     pub checks: ScanChecks,
 }
 
+/// Fewer points say nothing of a curved surface and its noise: a plane alone takes three, a quadric nine.
+const LEAST_POINTS: usize = 10;
+
 impl Observations {
     /// Carries every scan into the world, makes normals, and leaves out what the scans themselves speak against.
     ///
@@ -114,10 +117,10 @@ impl Observations {
             stated: vec![true; sensors.len()],
             ..Self::default()
         };
-        if scans.iter().map(|s| s.points.len()).sum::<usize>() < 4 {
-            let found: usize = scans.iter().map(|s| s.points.len()).sum();
+        let found: usize = scans.iter().map(|s| s.points.len()).sum();
+        if found < LEAST_POINTS {
             return Err(Error::undetermined(format!(
-                "{found} points in all: at least 4 that are not on one line are needed"
+                "{found} points in all: at least {LEAST_POINTS} that are not on one line are needed"
             )));
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
@@ -194,9 +197,9 @@ impl Observations {
                 }
             });
         }
-        if made.points.len() < 4 {
+        if made.points.len() < LEAST_POINTS {
             return Err(Error::undetermined(format!(
-                "of {total} readings only {} are left after the scans' own checks: at least 4 are needed",
+                "of {total} readings only {} are left after the scans' own checks: at least {LEAST_POINTS} are needed",
                 made.points.len()
             )));
         }

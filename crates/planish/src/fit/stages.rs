@@ -51,6 +51,10 @@ const LEAST_LEAF_SIGMAS: f64 = 6.0;
 const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 12;
+/// Lengths over which the prior smooths: at the start at least, in leaves; and at most, in square roots of the surface's area. A stiffer plate
+/// would be no flatter, but what the readings say of its place would be lost in rounding.
+const FIRST_SMOOTHING: f64 = 0.15;
+const STIFFEST: f64 = 2.0;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
 const MOST_BEND_OF_A_LEAF: f64 = 2.5;
 const STIFFENING: f64 = 100.0;
@@ -182,7 +186,7 @@ pub(super) fn refine_to_noise(
 ) -> Result<Settled> {
     let mut at = vec![[f64::NAN; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
-    let mut weight = None;
+    let (mut weight, mut area) = (None, None);
     let mut degrees: Option<Vec<f64>> = None;
     let mut final_round = false;
     let (mut reached_limit, mut reached_tolerance) = (false, false);
@@ -228,7 +232,8 @@ pub(super) fn refine_to_noise(
                     "no reading lies near the surface: do the scans share one frame and unit?",
                 ));
             }
-            let start = weight.unwrap_or_else(|| first_weight(&surface, &information));
+            let area = *area.get_or_insert_with(|| leaf_areas(&surface).iter().sum());
+            let start = weight.unwrap_or_else(|| first_weight(&surface, area, &information));
             let step = normal_step(
                 &system,
                 &surface,
@@ -244,7 +249,9 @@ pub(super) fn refine_to_noise(
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
             let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
-            weight = Some(next.clamp(0.2 * start, 5.0 * start));
+            let stiffest = weight_of_length(&information, area, STIFFEST * area.sqrt());
+            let next = next.clamp(0.2 * start, 5.0 * start).min(stiffest);
+            weight = Some(next);
             let resting = step.decrement < AT_REST && (next / start - 1.0).abs() < WEIGHT_AT_REST;
             degrees = Some(step.degrees);
             if resting || (!final_round && iteration + 1 >= FINDING_ITERATIONS && step.decrement < FOUND) {
@@ -376,11 +383,20 @@ fn first_degrees(surface: &Surface, sensors: &FootSensors<'_>) -> Vec<f64> {
     degrees
 }
 
-/// Smooth over a seventh of a leaf, to start the search for the weight: a stiff start would undo what growth has found.
-fn first_weight(surface: &Surface, information: &[f64]) -> f64 {
-    let area: f64 = leaf_areas(surface).iter().sum();
-    let density = information.iter().sum::<f64>() / area;
-    density * (area / surface.space().leaves().len() as f64).powi(2) * 0.0005
+/// The weight of the thin plate that smooths over a length: information of the readings an area, times the length to the fourth.
+fn weight_of_length(information: &[f64], area: f64, length: f64) -> f64 {
+    information.iter().sum::<f64>() / area * length.powi(4)
+}
+
+/// To start the search for the weight: a stiff start would undo what growth has found, a soft one would follow few readings anywhere.
+fn first_weight(surface: &Surface, area: f64, information: &[f64]) -> f64 {
+    let leaves = surface.space().leaves().len() as f64;
+    let readings = information.iter().filter(|&&w| w > 0.0).count() as f64;
+    weight_of_length(
+        information,
+        area,
+        (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings),
+    )
 }
 
 /// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found.
