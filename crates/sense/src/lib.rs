@@ -6,7 +6,8 @@ mod scan;
 mod sensor;
 
 pub use normals::{
-    ScanChecks, ScanGeometry, Suspicion, nearest_neighbour_normals, orient_normals, ray_at, scan_geometry,
+    CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
+    scan_geometry,
 };
 pub use pose::Pose;
 pub use scan::{RangeGrid, Scan, Viewing};

@@ -86,11 +86,17 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     if let Some(grid) = &scan.grid {
         grid_geometry(scan, grid, checks, &mut geometry);
     }
+    if scan.grid.is_none() {
+        let cloud = cloud_geometry(&scan.points, checks.neighbours)?;
+        geometry.normals = cloud.normals;
+        geometry.oriented = scan.viewing != Viewing::Unknown;
+        for (mark, _) in geometry.suspicion.iter_mut().zip(cloud.isolated).filter(|(_, i)| *i) {
+            *mark = Suspicion::Isolated;
+        }
+    }
     if let Some(normals) = &scan.normals {
         geometry.normals = normals.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
-    } else if scan.grid.is_none() {
-        geometry.normals = nearest_neighbour_normals(&scan.points, checks.neighbours)?;
-        geometry.oriented = scan.viewing != Viewing::Unknown;
+        geometry.oriented = true;
     }
     for i in 0..count {
         let Some(ray) = ray_at(scan.viewing, scan.points[i]) else {
@@ -197,7 +203,22 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
     }
 }
 
-/// Unit normals of a cloud by the flattest direction of each point's `k` nearest neighbours; the sign is arbitrary.
+/// What the nearest neighbours say of each point of a cloud.
+#[derive(Debug, Clone, Default)]
+pub struct CloudGeometry {
+    /// Unit normals; the sign is arbitrary, zero where the neighbours tell none.
+    pub normals: Vec<[f64; 3]>,
+    /// Points far from all others that lie on no surface with them either: dust and gross errors.
+    pub isolated: Vec<bool>,
+}
+
+/// A point this many times farther from its neighbours than is usual in the cloud is suspect.
+const FAR_SPACINGS: f64 = 6.0;
+/// A suspect point stays if it and its neighbours are flat (least variance over their sum) and surround it (offset over their spread).
+const FLAT: f64 = 0.02;
+const SURROUNDED: f64 = 1.0;
+
+/// Normals by the flattest direction of each point's `k` nearest neighbours, and which points are isolated.
 ///
 /// Cost: one tree and one query a point, in parallel.
 ///
@@ -206,18 +227,68 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
 ///
 /// # References
 /// Hoppe et al., *Surface reconstruction from unorganized points*, 1992.
-pub fn nearest_neighbour_normals(points: &[[f64; 3]], k: usize) -> Result<Vec<[f64; 3]>> {
+pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
-    Ok(points
+    let found: Vec<([f64; 3], f64, bool)> = points
         .par_iter()
         .with_min_len(256)
         .map(|p| {
             let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
             let some: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
-            flattest_direction(&some)
+            let distance = near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / near.len() as f64;
+            let (normal, flatness) = flattest_direction(&some);
+            let others: Vec<[f64; 3]> = some.iter().copied().filter(|q| q != p).collect();
+            let count = others.len().max(1) as f64;
+            let middle = scale(1.0 / count, others.iter().fold([0.0; 3], |s, q| add(s, *q)));
+            let spread = (others
+                .iter()
+                .map(|q| dot(sub(*q, middle), sub(*q, middle)))
+                .sum::<f64>()
+                / count)
+                .sqrt();
+            let on_surface = flatness < FLAT && norm(sub(*p, middle)) <= SURROUNDED * spread;
+            (normal, distance, on_surface)
         })
-        .collect())
+        .collect();
+    let mut distances: Vec<f64> = found.iter().map(|(_, distance, _)| *distance).collect();
+    let middle = distances.len() / 2;
+    let usual = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+    Ok(CloudGeometry {
+        isolated: found
+            .iter()
+            .map(|(_, distance, on_surface)| *distance > FAR_SPACINGS * usual && !on_surface)
+            .collect(),
+        normals: found.into_iter().map(|(normal, ..)| normal).collect(),
+    })
+}
+
+/// The standard deviation of a cloud's points from the planes of their neighbours, the median over some of them.
+///
+/// That is noise and the bend of the surface between neighbours: no less than the noise, unless neighbours err together. None for
+/// clouds too small to tell.
+#[must_use]
+pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
+    const ENOUGH: usize = 2000;
+    if points.len() < 2 * k || k < 6 {
+        return None;
+    }
+    let tree = tree(points).ok()?;
+    let k = NonZero::new(k)?;
+    let some: Vec<[f64; 3]> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
+    let mut found: Vec<f64> = some
+        .par_iter()
+        .map(|p| {
+            let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
+            let own: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
+            let middle = scale(1.0 / own.len() as f64, own.iter().fold([0.0; 3], |s, q| add(s, *q)));
+            let (normal, _) = flattest_direction(&own);
+            let square: f64 = own.iter().map(|q| dot(normal, sub(*q, middle)).powi(2)).sum();
+            (square / (own.len() as f64 - 3.0)).sqrt()
+        })
+        .collect();
+    let middle = found.len() / 2;
+    Some(*found.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn tree(points: &[[f64; 3]]) -> Result<ImmutableKdTree<f64, 3>> {
@@ -231,8 +302,9 @@ fn tree(points: &[[f64; 3]]) -> Result<ImmutableKdTree<f64, 3>> {
         .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
 }
 
-/// The eigenvector of least variance of a few points, by the closed form for symmetric 3 × 3 matrices.
-fn flattest_direction(points: &[[f64; 3]]) -> [f64; 3] {
+/// The eigenvector of least variance of a few points and that variance over the sum of all three, by the closed form for symmetric
+/// 3 × 3 matrices.
+fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let count = points.len() as f64;
     let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
     let mut m = [[0.0; 3]; 3];
@@ -246,13 +318,13 @@ fn flattest_direction(points: &[[f64; 3]]) -> [f64; 3] {
     }
     let trace = m[0][0] + m[1][1] + m[2][2];
     if trace <= 0.0 {
-        return [0.0; 3];
+        return ([0.0; 3], 1.0);
     }
     let q = trace / 3.0;
     let off = m[0][1].powi(2) + m[0][2].powi(2) + m[1][2].powi(2);
     let p = (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
     if p <= 1e-12 * trace {
-        return [0.0; 3];
+        return ([0.0; 3], 1.0);
     }
     let b: [[f64; 3]; 3] =
         std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
@@ -270,7 +342,7 @@ fn flattest_direction(points: &[[f64; 3]]) -> [f64; 3] {
         .into_iter()
         .max_by(|a, b| norm(*a).total_cmp(&norm(*b)))
         .unwrap_or([0.0; 3]);
-    unit(best).unwrap_or([0.0; 3])
+    (unit(best).unwrap_or([0.0; 3]), least / trace)
 }
 
 /// Flips normals so that neighbours agree, starting from those already fixed, or from the point farthest from the middle
@@ -354,7 +426,7 @@ mod tests {
     #[test]
     fn normals_of_an_unorganised_sphere_point_outwards() {
         let points = sphere(4000);
-        let mut normals = nearest_neighbour_normals(&points, 12).unwrap();
+        let mut normals = cloud_geometry(&points, 12).unwrap().normals;
         orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
         for (p, n) in points.iter().zip(&normals) {
             assert!(dot(*p, *n) > 0.99, "{p:?} {n:?}");

@@ -16,7 +16,7 @@ use crate::progress::Progress;
 use planish_estimate::Result;
 use planish_exchange::ScanSet;
 use planish_sense::ScanChecks;
-use planish_spline::Shape;
+use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -172,8 +172,14 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             model.unit.name()
         )));
     }
-    let observations = observe(set, options)?;
+    let mut observations = observe(set, options)?;
     progress.check("normals", 0.1)?;
+    let surface = &model.surface;
+    let search = FootPointSearch::new(surface, 2, 0.0)?;
+    observations.orient_by(|p| {
+        let [u, v] = search.nearest(p, [0.0; 3]);
+        surface.normal(u, v).unwrap_or([0.0; 3])
+    });
     let settled = finish::place(model, &observations, options, progress)?;
     finish::finish(set, &observations, settled, options, Some(model), progress)
 }

@@ -22,23 +22,37 @@ pub(super) struct SensorNoise {
     pub count: Vec<usize>,
     /// Whether the estimate is used although σ was stated.
     pub contradicted: Vec<bool>,
+    /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring points agree better.
+    pub most: Vec<f64>,
 }
+
+/// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may err together.
+const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
     /// Nothing known yet: stated variances count as they are.
     pub(super) fn stated(observations: &Observations) -> Self {
         let sensors = observations.stated.len();
+        let most: Vec<f64> = (0..sensors)
+            .map(|sensor| {
+                let bound = observations.roughness[sensor].map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
+                if observations.stated[sensor] {
+                    bound.min(1.0)
+                } else {
+                    bound
+                }
+            })
+            .collect();
         // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
-        let used = observations
-            .stated
-            .iter()
-            .map(|&stated| if stated { 1.0 } else { 0.0 })
+        let used = (0..sensors)
+            .map(|sensor| if observations.stated[sensor] { most[sensor] } else { 0.0 })
             .collect();
         Self {
             estimated: vec![1.0; sensors],
             used,
             count: vec![0; sensors],
             contradicted: vec![false; sensors],
+            most,
         }
     }
 
@@ -71,8 +85,11 @@ impl SensorNoise {
                         .filter(|f| f.state == FootState::Good)
                         .map(|f| f.height)
                         .collect();
-                    noise.used[sensor] = gated_scale(&all, gate)?.sigma.powi(2).max(1e-24);
+                    noise.used[sensor] = gated_scale(&all, gate)?.sigma.powi(2).max(observations.least_variance);
                     noise.estimated[sensor] = noise.used[sensor];
+                }
+                if observations.stated[sensor] {
+                    noise.used[sensor] = 1.0;
                 }
                 continue;
             }
@@ -81,7 +98,8 @@ impl SensorNoise {
             let redundancy = 1.0 - degrees[sensor] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
-            noise.estimated[sensor] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(1e-24);
+            noise.estimated[sensor] =
+                (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(observations.least_variance);
             let ratio = noise.estimated[sensor].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             let off = redundancy > LEAST_REDUNDANCY
@@ -90,10 +108,10 @@ impl SensorNoise {
             if !observations.stated[sensor] {
                 noise.used[sensor] = noise.estimated[sensor];
             } else if !settled {
-                noise.used[sensor] = noise.estimated[sensor].max(1.0);
-            } else if off {
-                noise.used[sensor] = noise.estimated[sensor];
-                noise.contradicted[sensor] = true;
+                noise.used[sensor] = noise.estimated[sensor].max(noise.most[sensor]);
+            } else {
+                noise.used[sensor] = if off { noise.estimated[sensor] } else { 1.0 };
+                noise.contradicted[sensor] = off;
             }
         }
         Ok(noise)

@@ -6,9 +6,10 @@
 
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
+use planish_mesh::BoundingBox;
 use planish_sense::{
-    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, nearest_neighbour_normals, orient_normals, ray_at,
-    scan_geometry,
+    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, cloud_geometry, local_roughness, orient_normals, ray_at,
+    scan_geometry, variance_along,
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -74,8 +75,13 @@ pub struct Observations {
     pub held_out: Vec<bool>,
     /// For each scan, its sensor.
     pub sensor_of_scan: Vec<usize>,
-    /// Points kept, scan by scan.
-    pub kept: Vec<usize>,
+    /// Whether the sign of the point's normal is known, from the scan or its viewpoint.
+    oriented: Vec<bool>,
+    /// For each sensor, how far the points of its largest scan lie from the planes of their neighbours: variance along the normal over that stated (over one
+    /// where none was stated). No less than the noise, unless neighbours err together; none where there are too few points to tell.
+    pub roughness: Vec<Option<f64>>,
+    /// A variance that is rounding and no more.
+    pub least_variance: f64,
     /// Whether the sensor's σ was stated, by its model or by every point of its scans.
     pub stated: Vec<bool>,
     /// What was left out already, by cause.
@@ -140,7 +146,6 @@ impl Observations {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        let mut oriented = Vec::new();
         for (s, (scan, geometry)) in scans.iter().zip(&geometries).enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
             let mut kept = 0_u32;
@@ -163,7 +168,10 @@ impl Observations {
                     .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
                 made.scan.push(s as u32);
                 made.index.push(kept);
-                oriented.push(geometry.as_ref().is_some_and(|g| g.oriented));
+                // A normal of zero in a file means that it is not known.
+                let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
+                made.oriented
+                    .push(known && geometry.as_ref().is_some_and(|g| g.oriented));
                 made.held_out
                     .push(hash01(options.seed, s as u64, i as u64) < options.held_out_share);
                 if let Some(all) = &scan.covariance {
@@ -173,7 +181,6 @@ impl Observations {
                 }
                 kept += 1;
             }
-            made.kept.push(kept as usize);
             let viewing = match scan.viewing {
                 Viewing::Unknown => Viewing::Unknown,
                 Viewing::Direction(d) => Viewing::Direction(scan.world_from_scanner.rotate(d)),
@@ -203,7 +210,8 @@ impl Observations {
                 made.points.len()
             )));
         }
-        made.complete_normals(&oriented, options.checks.neighbours)?;
+        made.complete_normals(options.checks.neighbours)?;
+        made.measure_roughness(scans, sensors.len(), options.checks.neighbours);
         Ok(made)
     }
 
@@ -247,35 +255,80 @@ impl Observations {
         }
     }
 
-    /// Normals for the points that have none, and one orientation for those whose side is unknown.
-    fn complete_normals(&mut self, oriented: &[bool], neighbours: usize) -> Result<()> {
-        let missing = self
-            .normals
-            .iter()
-            .zip(oriented)
-            .filter(|(n, o)| !**o && n.iter().all(|&c| c == 0.0))
-            .count();
-        if missing == 0 && oriented.iter().all(|&o| o) {
+    /// Normals for the points that have none, and one orientation for those whose side is unknown; isolated ones among them go.
+    fn complete_normals(&mut self, neighbours: usize) -> Result<()> {
+        if self.oriented.iter().all(|&o| o) {
             return Ok(());
         }
-        let estimated = if missing > 0 {
-            nearest_neighbour_normals(&self.points, neighbours)?
-        } else {
-            Vec::new()
-        };
-        let mut normals: Vec<[f64; 3]> = (0..self.len())
-            .map(|i| {
-                let n = self.normal(i);
-                if missing > 0 && !oriented[i] && dot(n, n) == 0.0 {
-                    estimated[i]
-                } else {
-                    n
+        let unknown = |made: &Self, i: usize| !made.oriented[i] && made.normals[i] == [0.0; 3];
+        if (0..self.len()).any(|i| unknown(self, i)) {
+            let cloud = cloud_geometry(&self.points, neighbours)?;
+            let gone: Vec<bool> = (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
+            for i in (0..self.len()).filter(|&i| !gone[i]) {
+                if unknown(self, i) {
+                    self.normals[i] = cloud.normals[i].map(|c| c as f32);
                 }
-            })
-            .collect();
-        orient_normals(&self.points, &mut normals, oriented, neighbours)?;
+            }
+            self.leave_out(&gone, Rejection::Isolated);
+        }
+        let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
+        orient_normals(&self.points, &mut normals, &self.oriented, neighbours)?;
         self.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
         Ok(())
+    }
+
+    /// Leaves out the points that are marked.
+    fn leave_out(&mut self, gone: &[bool], cause: Rejection) {
+        let count = gone.iter().filter(|&&g| g).count();
+        if count == 0 {
+            return;
+        }
+        *self.rejected.entry(cause).or_insert(0) += count;
+        fn keep<T>(values: &mut Vec<T>, gone: &[bool]) {
+            let mut marks = gone.iter();
+            values.retain(|_| !marks.next().is_some_and(|&g| g));
+        }
+        keep(&mut self.points, gone);
+        keep(&mut self.normals, gone);
+        keep(&mut self.scan, gone);
+        keep(&mut self.index, gone);
+        keep(&mut self.held_out, gone);
+        keep(&mut self.oriented, gone);
+    }
+
+    /// Finds [`Self::roughness`] and [`Self::least_variance`].
+    fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
+        let size = BoundingBox::of(&self.points).map_or(0.0, |b| b.diagonal());
+        self.least_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
+        self.roughness = (0..sensors)
+            .map(|sensor| {
+                let largest = (0..scans.len())
+                    .filter(|&s| self.sensor_of_scan[s] == sensor)
+                    .max_by_key(|&s| scans[s].points.len())?;
+                let own: Vec<usize> = (0..self.len()).filter(|&i| self.scan[i] as usize == largest).collect();
+                let points: Vec<[f64; 3]> = own.iter().map(|&i| self.points[i]).collect();
+                let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
+                let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
+                local_roughness(&points, neighbours)
+                    .filter(|_| stated > 0.0)
+                    .map(|roughness| (roughness * roughness).max(self.least_variance) / stated)
+            })
+            .collect();
+    }
+
+    /// Turns normals whose sign is not known to the side that `normal_near` says.
+    pub fn orient_by(&mut self, normal_near: impl Fn([f64; 3]) -> [f64; 3] + Sync) {
+        self.normals
+            .par_iter_mut()
+            .zip(&self.points)
+            .zip(&self.oriented)
+            .with_min_len(256)
+            .filter(|(_, oriented)| !**oriented)
+            .for_each(|((normal, p), _)| {
+                if dot(normal.map(f64::from), normal_near(*p)) < 0.0 {
+                    *normal = normal.map(|c| -c);
+                }
+            });
     }
 }
 

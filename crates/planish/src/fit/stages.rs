@@ -574,12 +574,8 @@ fn misfit(
     let normalised = |k: u32| {
         let foot = &feet[k as usize];
         let sensor = observations.sensor(subset[k as usize] as usize);
-        // While shape is missing it inflates every estimate: a stated σ bounds it.
-        let factor = noise.used[sensor].min(if observations.stated[sensor] {
-            1.0
-        } else {
-            f64::INFINITY
-        });
+        // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring points agree.
+        let factor = noise.used[sensor].min(noise.most[sensor]);
         let variance = factor * foot.variance;
         (foot.height.abs() / variance.sqrt(), variance)
     };
