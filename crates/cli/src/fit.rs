@@ -150,7 +150,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
             "measured",
             format!("{} of the area", percent(fit.observed_area_fraction)),
         ),
-        ("ended", ending(fit.termination).to_owned()),
+        ("ended", ending(fit).to_owned()),
     ]);
     set_aside(&mut lines, fit);
     sensors(&mut lines, fit, *unit);
@@ -165,8 +165,10 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     lines.into_text()
 }
 
-fn ending(termination: FitTermination) -> &'static str {
-    match termination {
+fn ending(fit: &FitReport) -> &'static str {
+    let set_aside: usize = fit.rejected.values().sum();
+    match fit.termination {
+        FitTermination::Converged if set_aside * 20 > fit.observations => "converged, but see what was set aside",
         FitTermination::Converged => "converged: only noise is left",
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",

@@ -98,6 +98,13 @@ fn binomial_band_is_the_published_one() {
         coverage.add(0.0, 1.0).unwrap();
     }
     assert_eq!(coverage.band(0.95).unwrap(), (0.3, 0.7));
+    // Ten heavy cases are ten cases; light ones beside them hardly count (Kish 1965).
+    let mut heavy = Coverage::of_interval(0.5).unwrap();
+    for _ in 0..10 {
+        heavy.add_weighted(0.0, 1.0, 2.0).unwrap();
+        heavy.add_weighted(0.0, 1.0, 1e-6).unwrap();
+    }
+    assert_eq!(heavy.band(0.95).unwrap(), (0.2, 0.8));
 }
 
 #[test]

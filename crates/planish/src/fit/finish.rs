@@ -357,6 +357,19 @@ fn warnings(
             100.0 * observed
         ));
     }
+    let not_finite = rejected.get(Rejection::NotFinite.name()).copied().unwrap_or(0);
+    if not_finite > 0 {
+        warnings.push(format!(
+            "{not_finite} of {total} points have coordinates that are not finite numbers: they were left out"
+        ));
+    }
+    let turned = rejected.get(Rejection::NormalMismatch.name()).copied().unwrap_or(0);
+    if turned * 50 > total {
+        warnings.push(format!(
+            "{turned} of {total} readings face another way than the surface near them: it misses folds or thin parts there, or their \
+             normals are wrong; σ says nothing of that"
+        ));
+    }
     let gated: usize = rejected.values().sum();
     if gated * 10 > total {
         warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));

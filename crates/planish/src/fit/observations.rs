@@ -12,14 +12,16 @@ use planish_sense::{
     scan_geometry, variance_along,
 };
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// Why a reading takes no part in the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Rejection {
     /// A coordinate was not finite.
     NotFinite,
-    /// A jump in depth to all of its neighbours.
+    /// The same coordinates as an earlier point of its scan, to the last digit: one reading written twice.
+    Duplicate,
+    /// A jump in depth to all of its neighbours, or far from all others.
     Isolated,
     /// Next to a jump in depth.
     DepthEdge,
@@ -39,6 +41,7 @@ impl Rejection {
     pub fn name(self) -> &'static str {
         match self {
             Self::NotFinite => "not_finite",
+            Self::Duplicate => "duplicate",
             Self::Isolated => "isolated",
             Self::DepthEdge => "depth_edge",
             Self::Grazing => "grazing",
@@ -150,7 +153,13 @@ impl Observations {
             let sensor = &sensors[sensor_of_scan[s]];
             let mut kept = 0_u32;
             let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
+            // Noise of independent readings does not repeat to the last digit; a grid has one reading a cell.
+            let mut seen = HashSet::new();
             for i in 0..scan.points.len() {
+                if scan.grid.is_none() && !seen.insert(scan.points[i].map(f64::to_bits)) {
+                    *made.rejected.entry(Rejection::Duplicate).or_insert(0) += 1;
+                    continue;
+                }
                 let suspicion = geometry.as_ref().map_or(Suspicion::None, |g| g.suspicion[i]);
                 let cause = match suspicion {
                     Suspicion::None => None,
@@ -205,10 +214,17 @@ impl Observations {
             });
         }
         if made.points.len() < LEAST_POINTS {
-            return Err(Error::undetermined(format!(
-                "of {total} readings only {} are left after the scans' own checks: at least {LEAST_POINTS} are needed",
-                made.points.len()
-            )));
+            let left = made.points.len();
+            let repeated = made.rejected.get(&Rejection::Duplicate).copied().unwrap_or(0);
+            return Err(Error::undetermined(if repeated > 0 {
+                format!(
+                    "of {total} readings {repeated} repeat the coordinates of another: only {left} are left, at least {LEAST_POINTS} are needed"
+                )
+            } else {
+                format!(
+                    "of {total} readings only {left} are left after the scans' own checks: at least {LEAST_POINTS} are needed"
+                )
+            }));
         }
         made.complete_normals(options.checks.neighbours)?;
         made.measure_roughness(scans, sensors.len(), options.checks.neighbours);

@@ -90,7 +90,7 @@ pub(super) fn settle(observations: &Observations, options: &FitOptions, progress
     let normals: Vec<[f64; 3]> = some.iter().map(|&i| observations.normal(i as usize)).collect();
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // A small cloud cannot pay for many cells, whatever their prior.
-    let grid = base.grid(BASE_CELLS.min((size / 6).max(32)));
+    let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     let surface = if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
@@ -99,7 +99,9 @@ pub(super) fn settle(observations: &Observations, options: &FitOptions, progress
         let least_area = (LEAST_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
         let levels = (1..=MOST_LEVELS)
             .take_while(|&level| {
-                cells(level) * READINGS_PER_GROWN_LEAF <= size && area >= least_area * cells(level) as f64
+                cells(level) * READINGS_PER_GROWN_LEAF <= size
+                    && area >= least_area * cells(level) as f64
+                    && cells(level) <= options.max_coefficients
             })
             .count();
         grow(&base, grid, levels, &points, &indicator, &|share| {
@@ -112,6 +114,25 @@ pub(super) fn settle(observations: &Observations, options: &FitOptions, progress
         .filter(|&i| !observations.held_out[i as usize])
         .collect();
     refine_to_noise(observations, surface, subset, options, progress)
+}
+
+/// A base grid of about so many cells, fewer where its nodes would be more than allowed.
+fn base_grid(base: &BaseShape, cells: usize, most: usize) -> Result<[usize; 2]> {
+    let mut cells = cells;
+    loop {
+        let grid = base.grid(cells);
+        let nodes = Hierarchy::uniform(base.shape, grid)?.node_count();
+        if nodes <= most {
+            return Ok(grid);
+        }
+        if cells == 1 {
+            return Err(Error::input(format!(
+                "a {} takes at least {nodes} coefficients, but only {most} are allowed",
+                base.shape.name()
+            )));
+        }
+        cells = (cells * 4 / 5).max(1);
+    }
 }
 
 /// Root mean square of the stated σ; zero where none is stated.
@@ -499,7 +520,7 @@ struct Bin {
 struct LeafResiduals {
     bins: [Bin; BINS * BINS],
     count: u32,
-    /// Mean variance of the readings.
+    /// Mean variance of the readings, as small as it may be.
     variance: f64,
 }
 
@@ -574,10 +595,16 @@ fn misfit(
     let normalised = |k: u32| {
         let foot = &feet[k as usize];
         let sensor = observations.sensor(subset[k as usize] as usize);
-        // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring points agree.
-        let factor = noise.used[sensor].min(noise.most[sensor]);
+        // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring points agree. Neighbours of
+        // one scan may err together, though: without a stated σ their agreement bounds only how small a leaf may be.
+        let most = noise.used[sensor].min(noise.most[sensor]);
+        let factor = if observations.stated[sensor] {
+            most
+        } else {
+            noise.used[sensor]
+        };
         let variance = factor * foot.variance;
-        (foot.height.abs() / variance.sqrt(), variance)
+        (foot.height.abs() / variance.sqrt(), variance, most * foot.variance)
     };
     let areas = leaf_areas(surface);
     let mut residuals = vec![LeafResiduals::default(); space.leaves().len()];
@@ -589,9 +616,9 @@ fn misfit(
                 .map(|&k| (&feet[k as usize], normalised(k)))
         };
         // Few far readings are gross errors, many are shape.
-        let far = good().filter(|(_, (r, _))| *r > options.gate).count();
+        let far = good().filter(|(_, (r, ..))| *r > options.gate).count();
         let gross = (far as f64) < MOST_GROSS * good().count() as f64;
-        for (foot, (r, variance)) in good() {
+        for (foot, (r, variance, least)) in good() {
             if gross && r > options.gate {
                 continue;
             }
@@ -605,7 +632,7 @@ fn misfit(
             bin.precision += w;
             bin.count += 1.0;
             made.count += 1;
-            made.variance += variance;
+            made.variance += least;
         }
         made.variance /= f64::from(made.count.max(1));
     }

@@ -1,0 +1,163 @@
+//! Clouds as they come: no grid, no normals, no viewpoint; dust, duplicates, misstated σ.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use planish::fit::{Fit, FitOptions, fit, update};
+use planish::progress::Silent;
+use planish_exchange::{PosedScan, ScanSet};
+use planish_sense::{Noise, Scan, Sensor, SensorKind};
+use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+const SIGMA: f64 = 0.003;
+
+fn height(x: f64, y: f64) -> f64 {
+    0.2 * (4.0 * x).sin() * (3.0 * y).cos()
+}
+
+/// Noisy points of a wavy sheet over the unit square.
+fn sheet(count: usize, seed: u64) -> Vec<[f64; 3]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|_| {
+            let (x, y): (f64, f64) = (rng.random(), rng.random());
+            let mut noise = || SIGMA * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+            [x + noise(), y + noise(), height(x, y) + noise()]
+        })
+        .collect()
+}
+
+fn set_of(points: Vec<[f64; 3]>, sigma: Option<f64>) -> ScanSet {
+    ScanSet {
+        sensors: vec![Sensor {
+            name: "scanner".to_owned(),
+            kind: SensorKind::Touch,
+            noise: sigma.map(|sigma| Noise::Isotropic { sigma }),
+        }],
+        scans: vec![PosedScan {
+            scan: Scan {
+                name: "cloud".to_owned(),
+                points,
+                ..Scan::default()
+            },
+            sensor: 0,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+        }],
+        ..ScanSet::default()
+    }
+}
+
+fn run(set: &ScanSet) -> Fit {
+    fit(set, &FitOptions::default(), &Silent).unwrap()
+}
+
+/// Root mean square distance of the true sheet from the surface.
+fn error(fit: &Fit) -> f64 {
+    let surface = &fit.model.surface;
+    assert_eq!(surface.space().shape(), Shape::Sheet);
+    let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(77);
+    let count = 2000;
+    let square: f64 = (0..count)
+        .map(|_| {
+            let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
+            let p = [x, y, height(x, y)];
+            let foot = surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
+            foot.height * foot.height + foot.slip * foot.slip
+        })
+        .sum();
+    (square / f64::from(count)).sqrt()
+}
+
+#[test]
+fn dust_changes_little() {
+    let clean = error(&run(&set_of(sheet(5000, 1), None)));
+    assert!(clean < 0.3 * SIGMA, "{clean}");
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for (what, count, extent) in [
+        ("one far point", 1, 100.0),
+        ("dust all about", 250, 2.0),
+        ("dust far about", 250, 20.0),
+    ] {
+        let mut points = sheet(5000, 1);
+        points.extend((0..count).map(|_| [0; 3].map(|_| rng.random_range(-extent..extent))));
+        let found = error(&run(&set_of(points, None)));
+        println!("{what}: {found:.6} instead of {clean:.6}");
+        assert!(found < 1.3 * clean, "{what}: {found} instead of {clean}");
+    }
+}
+
+#[test]
+fn a_sigma_stated_a_thousand_times_too_large_or_small_is_found_out() {
+    let clean = error(&run(&set_of(sheet(5000, 3), None)));
+    for factor in [1e-3, 0.01, 10.0, 100.0, 1e3] {
+        let fit = run(&set_of(sheet(5000, 3), Some(factor * SIGMA)));
+        let (found, sensor) = (error(&fit), &fit.report.sensors[0]);
+        assert!(sensor.sigma_used_is_estimated, "{factor}");
+        assert!(
+            (sensor.sigma_estimated / SIGMA - 1.0).abs() < 0.1,
+            "{factor}: {}",
+            sensor.sigma_estimated
+        );
+        assert!(found < 1.3 * clean, "{factor}: {found} instead of {clean}");
+    }
+}
+
+#[test]
+fn a_point_written_five_times_is_one_reading() {
+    let once = run(&set_of(sheet(2000, 4), None));
+    let points = (0..5).flat_map(|_| sheet(2000, 4)).collect();
+    let fit = run(&set_of(points, None));
+    assert_eq!(fit.report.rejected["duplicate"], 8000);
+    assert!((fit.report.sensors[0].sigma_estimated / once.report.sensors[0].sigma_estimated - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn normals_of_zero_are_unknown_normals() {
+    let mut set = set_of(sheet(3000, 5), None);
+    let without = error(&run(&set));
+    set.scans[0].scan.normals = Some(vec![[0.0; 3]; 3000]);
+    assert!((error(&run(&set)) / without - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
+    for seed in 10..18 {
+        let points = sheet(4000, seed);
+        let first = run(&set_of(points[..2000].to_vec(), None));
+        let second = set_of(points[2000..].to_vec(), None);
+        let both = update(&first.model, &second, &FitOptions::default(), &Silent).unwrap();
+        assert!(
+            both.report.observations > 1700,
+            "seed {seed}: {:?}",
+            both.report.rejected
+        );
+        assert!(error(&both) < error(&first), "seed {seed}");
+    }
+}
+
+#[test]
+fn no_more_coefficients_than_allowed() {
+    let set = set_of(sheet(3000, 6), None);
+    for most in [25, 40, 100, 150] {
+        let options = FitOptions {
+            max_coefficients: most,
+            ..FitOptions::default()
+        };
+        let made = fit(&set, &options, &Silent).unwrap();
+        assert!(
+            made.report.coefficients <= most,
+            "{} of {most}",
+            made.report.coefficients
+        );
+    }
+    let options = FitOptions {
+        max_coefficients: 20,
+        ..FitOptions::default()
+    };
+    assert!(fit(&set, &options, &Silent).is_err());
+}
