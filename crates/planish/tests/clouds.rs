@@ -3,10 +3,11 @@
 // Helpers of tests may unwrap and print as tests do.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+mod common;
+
 use planish::fit::{Fit, FitOptions, fit, update};
 use planish::progress::Silent;
-use planish_exchange::{PosedScan, ScanSet};
-use planish_sense::{Noise, Scan, Sensor, SensorKind};
+use planish_exchange::ScanSet;
 use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -31,24 +32,7 @@ fn sheet(count: usize, seed: u64) -> Vec<[f64; 3]> {
 }
 
 fn set_of(points: Vec<[f64; 3]>, sigma: Option<f64>) -> ScanSet {
-    ScanSet {
-        sensors: vec![Sensor {
-            name: "scanner".to_owned(),
-            kind: SensorKind::Touch,
-            noise: sigma.map(|sigma| Noise::Isotropic { sigma }),
-        }],
-        scans: vec![PosedScan {
-            scan: Scan {
-                name: "cloud".to_owned(),
-                points,
-                ..Scan::default()
-            },
-            sensor: 0,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-        }],
-        ..ScanSet::default()
-    }
+    common::probed(points, None, sigma)
 }
 
 fn run(set: &ScanSet) -> Fit {

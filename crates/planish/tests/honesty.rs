@@ -3,11 +3,12 @@
 // Helpers of tests may unwrap and print as tests do.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+mod common;
+
 use planish::fit::{Fit, FitOptions, fit};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
-use planish_exchange::{PosedScan, ScanSet};
-use planish_sense::{Noise, Scan, Sensor, SensorKind};
+use planish_exchange::ScanSet;
 use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -48,24 +49,7 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let points = (0..count).map(|_| [normal(), normal(), sigma * normal()]).collect();
-        let set = ScanSet {
-            sensors: vec![Sensor {
-                name: "probe".to_owned(),
-                kind: SensorKind::Touch,
-                noise: None,
-            }],
-            scans: vec![PosedScan {
-                scan: Scan {
-                    name: "plane".to_owned(),
-                    points,
-                    ..Scan::default()
-                },
-                sensor: 0,
-                sigma_translation: None,
-                sigma_rotation_deg: None,
-            }],
-            ..ScanSet::default()
-        };
+        let set = common::probed(points, None, None);
         let options = FitOptions {
             held_out_share: 0.0,
             shape: Some(Shape::Sheet),
@@ -98,25 +82,7 @@ fn a_noisy_sphere_keeps_its_radius() {
         .collect();
     let mut noise = || -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
     let points = normals.iter().map(|n| n.map(|x| x + noise())).collect();
-    let set = ScanSet {
-        sensors: vec![Sensor {
-            name: "probe".to_owned(),
-            kind: SensorKind::Touch,
-            noise: Some(Noise::Isotropic { sigma }),
-        }],
-        scans: vec![PosedScan {
-            scan: Scan {
-                name: "sphere".to_owned(),
-                points,
-                normals: Some(normals),
-                ..Scan::default()
-            },
-            sensor: 0,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-        }],
-        ..ScanSet::default()
-    };
+    let set = common::probed(points, Some(normals), Some(sigma));
     let fit = run(&set, Shape::Ball);
     let surface = &fit.model.surface;
     let space = surface.space();

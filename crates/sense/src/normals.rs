@@ -85,8 +85,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     };
     if let Some(grid) = &scan.grid {
         grid_geometry(scan, grid, checks, &mut geometry);
-    }
-    if scan.grid.is_none() {
+    } else {
         let cloud = cloud_geometry(&scan.points, checks.neighbours)?;
         geometry.normals = cloud.normals;
         geometry.oriented = scan.viewing != Viewing::Unknown;
@@ -240,7 +239,7 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
             let (normal, flatness) = flattest_direction(&some);
             let others: Vec<[f64; 3]> = some.iter().copied().filter(|q| q != p).collect();
             let count = others.len().max(1) as f64;
-            let middle = scale(1.0 / count, others.iter().fold([0.0; 3], |s, q| add(s, *q)));
+            let middle = mean(&others);
             let spread = (others
                 .iter()
                 .map(|q| dot(sub(*q, middle), sub(*q, middle)))
@@ -281,7 +280,7 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
         .map(|p| {
             let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
             let own: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
-            let middle = scale(1.0 / own.len() as f64, own.iter().fold([0.0; 3], |s, q| add(s, *q)));
+            let middle = mean(&own);
             let (normal, _) = flattest_direction(&own);
             let square: f64 = own.iter().map(|q| dot(normal, sub(*q, middle)).powi(2)).sum();
             (square / (own.len() as f64 - 3.0)).sqrt()
@@ -302,11 +301,16 @@ fn tree(points: &[[f64; 3]]) -> Result<ImmutableKdTree<f64, 3>> {
         .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
 }
 
+/// The mean of points; the origin where there are none.
+fn mean(points: &[[f64; 3]]) -> [f64; 3] {
+    let sum = points.iter().fold([0.0; 3], |s, p| add(s, *p));
+    scale(1.0 / points.len().max(1) as f64, sum)
+}
+
 /// The eigenvector of least variance of a few points and that variance over the sum of all three, by the closed form for symmetric
 /// 3 × 3 matrices.
 fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
-    let count = points.len() as f64;
-    let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
+    let mean = mean(points);
     let mut m = [[0.0; 3]; 3];
     for p in points {
         let d = sub(*p, mean);
@@ -375,10 +379,7 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
             push(&mut queue, normals, &done, i);
         }
     }
-    let middle = scale(
-        1.0 / points.len() as f64,
-        points.iter().fold([0.0; 3], |s, p| add(s, *p)),
-    );
+    let middle = mean(points);
     let mut outward: Vec<u32> = (0..points.len() as u32).collect();
     let from_middle = |i: u32| norm(sub(points[i as usize], middle));
     outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));

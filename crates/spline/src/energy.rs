@@ -76,10 +76,7 @@ impl Surface {
         let side = self.space().leaves()[leaf].side();
         quadrature()
             .iter()
-            .map(|q| {
-                let [e, f, g] = self.leaf_jet(leaf, q.local[0], q.local[1]).first_form();
-                q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
-            })
+            .map(|q| q.weight * side * side * self.leaf_jet(leaf, q.local[0], q.local[1]).area_element())
             .sum()
     }
 

@@ -6,7 +6,7 @@
 //! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search starts it at the
 //! sample whose position and normal agree best, which tells the two sides of a thin part apart.
 
-use crate::surface::{Jet, Surface, jet_of};
+use crate::surface::{Jet, Surface};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_estimate::vector3::{dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
@@ -66,10 +66,7 @@ impl Surface {
         let open = [!shape.periodic_u(), !shape.periodic_v() && !shape.polar()];
         let mut at = space.wrap(u, v);
         let (mut leaf, mut local) = space.locate(at[0], at[1]);
-        let jet_at = |leaf: usize, [s, t]: [f64; 2]| {
-            jet_of(self.leaf_coefficients(leaf), 1.0 / space.leaves()[leaf].side(), s, t)
-        };
-        let mut jet = jet_at(leaf, local);
+        let mut jet = self.leaf_jet(leaf, local[0], local[1]);
         let mut distance2 = squared(sub(jet.point, z));
         let mut converged = false;
         let mut held = [false; 2];
@@ -103,7 +100,7 @@ impl Surface {
                     next = space.wrap(next[0], next[1]);
                     space.locate(next[0], next[1])
                 };
-                let next_jet = jet_at(next_leaf, next_local);
+                let next_jet = self.leaf_jet(next_leaf, next_local[0], next_local[1]);
                 let next2 = squared(sub(next_jet.point, z));
                 if next2 <= distance2 * (1.0 + 1e-12) {
                     (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);

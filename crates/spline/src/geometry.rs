@@ -59,6 +59,13 @@ impl Jet {
         [dot(self.du, self.du), dot(self.du, self.dv), dot(self.dv, self.dv)]
     }
 
+    /// Area element `√(EG − F²)`: area of the surface to area of the parameters.
+    #[must_use]
+    pub fn area_element(&self) -> f64 {
+        let [e, f, g] = self.first_form();
+        (e * g - f * f).max(0.0).sqrt()
+    }
+
     /// Unit normal; none where `S_u` and `S_v` are parallel or zero.
     #[must_use]
     pub fn normal(&self) -> Option<[f64; 3]> {

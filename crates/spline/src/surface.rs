@@ -189,7 +189,7 @@ impl Surface {
 ///
 /// Coordinates travel in fours, which machines add and multiply at once: the fourth is whatever lies next to them.
 #[inline(always)]
-pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
+fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
     let flat = c.as_flattened();
     let mut sums = [[0.0; 4]; 6];

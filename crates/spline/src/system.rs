@@ -233,17 +233,21 @@ impl SurfaceSystem {
     /// # Errors
     /// `Input` when the matrix would be too large.
     pub fn assemble_energy(&self, leaves: &[LeafEnergy]) -> Result<BlockInformation> {
-        let mut energy = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        let elements: Vec<Vec<f64>> = leaves
-            .par_iter()
-            .enumerate()
+        self.assemble_forms(|leaf| leaves[leaf].thin_plate)
+    }
+
+    /// The matrix of one coordinate from a symmetric form on the sixteen coefficients of every leaf: made in parallel, added in order.
+    fn assemble_forms(&self, form: impl Fn(usize) -> [[f64; 16]; 16] + Sync) -> Result<BlockInformation> {
+        let elements: Vec<Vec<f64>> = (0..self.scatters.len())
+            .into_par_iter()
             .with_min_len(64)
-            .map(|(leaf, form)| scalar_element(&self.space, leaf, &form.thin_plate))
+            .map(|leaf| scalar_element(&self.space, leaf, &form(leaf)))
             .collect();
+        let mut matrix = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
         for (scatter, element) in self.scatters.iter().zip(&elements) {
-            energy.add_scattered(scatter, element, &vec![0.0; 3 * scatter.nodes().len()])?;
+            matrix.add_scattered(scatter, element, &vec![0.0; 3 * scatter.nodes().len()])?;
         }
-        Ok(energy)
+        Ok(matrix)
     }
 
     /// A weak hold on tangential motion: at every point of the reference, information `1/σ²` a leaf about the two tangential
@@ -283,31 +287,21 @@ impl SurfaceSystem {
     /// # Errors
     /// `Input` when the matrix would be too large.
     pub fn mass(&self, reference: &Surface) -> Result<BlockInformation> {
-        let mut mass = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        let elements: Vec<Vec<f64>> = (0..self.scatters.len())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|leaf| {
-                let side = self.space.leaves()[leaf].side();
-                let mut form = [[0.0; 16]; 16];
-                for q in quadrature() {
-                    let [u, v] = self.space.parameters(leaf, q.local);
-                    let [e, f, g] = reference.jet(u, v).first_form();
-                    let w = q.weight * side * side * (e * g - f * f).max(0.0).sqrt();
-                    let c = leaf_weights(q.local[0], q.local[1]);
-                    for k in 0..16 {
-                        for l in 0..16 {
-                            form[k][l] += w * c[k] * c[l];
-                        }
+        self.assemble_forms(|leaf| {
+            let side = self.space.leaves()[leaf].side();
+            let mut form = [[0.0; 16]; 16];
+            for q in quadrature() {
+                let [u, v] = self.space.parameters(leaf, q.local);
+                let w = q.weight * side * side * reference.jet(u, v).area_element();
+                let c = leaf_weights(q.local[0], q.local[1]);
+                for k in 0..16 {
+                    for l in 0..16 {
+                        form[k][l] += w * c[k] * c[l];
                     }
                 }
-                scalar_element(&self.space, leaf, &form)
-            })
-            .collect();
-        for (scatter, element) in self.scatters.iter().zip(&elements) {
-            mass.add_scattered(scatter, element, &vec![0.0; 3 * scatter.nodes().len()])?;
-        }
-        Ok(mass)
+            }
+            form
+        })
     }
 
     /// Area weights of the same points on every leaf in the metric of a reference surface, leaf by leaf: for [`Self::project_field`].
@@ -320,8 +314,7 @@ impl SurfaceSystem {
                 let side = self.space.leaves()[leaf].side();
                 points.iter().map(move |q| {
                     let [u, v] = self.space.parameters(leaf, q.local);
-                    let [e, f, g] = reference.jet(u, v).first_form();
-                    q.weight * side * side * (e * g - f * f).max(0.0).sqrt()
+                    q.weight * side * side * reference.jet(u, v).area_element()
                 })
             })
             .collect()

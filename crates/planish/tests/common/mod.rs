@@ -1,0 +1,27 @@
+//! What several test programs build on.
+
+use planish_exchange::{PosedScan, ScanSet};
+use planish_sense::{Noise, Scan, Sensor, SensorKind};
+
+/// One cloud of a touch probe, without grid and viewpoint; σ stated or not.
+pub fn probed(points: Vec<[f64; 3]>, normals: Option<Vec<[f64; 3]>>, sigma: Option<f64>) -> ScanSet {
+    ScanSet {
+        sensors: vec![Sensor {
+            name: "probe".to_owned(),
+            kind: SensorKind::Touch,
+            noise: sigma.map(|sigma| Noise::Isotropic { sigma }),
+        }],
+        scans: vec![PosedScan {
+            scan: Scan {
+                name: "cloud".to_owned(),
+                points,
+                normals,
+                ..Scan::default()
+            },
+            sensor: 0,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+        }],
+        ..ScanSet::default()
+    }
+}
