@@ -8,6 +8,7 @@ mod basis;
 mod cell_information;
 mod energy;
 mod extraction;
+mod field;
 mod foot;
 mod geometry;
 mod hierarchy;
@@ -20,6 +21,7 @@ pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symme
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
 pub use energy::{LeafEnergy, QuadraturePoint, quadrature};
+pub use field::FieldPoints;
 pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};

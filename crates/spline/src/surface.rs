@@ -185,23 +185,26 @@ impl Surface {
     }
 }
 
+/// Coordinates of a coefficient in a four, which machines add and multiply at once: the fourth is whatever lies next to them.
+#[inline(always)]
+pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
+    let flat = c.as_flattened();
+    match k {
+        15 => [flat[45], flat[46], flat[47], 0.0],
+        _ => [flat[3 * k], flat[3 * k + 1], flat[3 * k + 2], flat[3 * k + 3]],
+    }
+}
+
 /// The jet of sixteen coefficients; `h` is one over the leaf's side.
-///
-/// Coordinates travel in fours, which machines add and multiply at once: the fourth is whatever lies next to them.
 #[inline(always)]
 fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
-    let flat = c.as_flattened();
     let mut sums = [[0.0; 4]; 6];
     for r in 0..4 {
         // Three derivatives along the row, then down the columns.
         let mut row = [[0.0; 4]; 3];
         for k in 0..4 {
-            let at = 12 * r + 3 * k;
-            let p = match at {
-                45 => [flat[45], flat[46], flat[47], 0.0],
-                _ => [flat[at], flat[at + 1], flat[at + 2], flat[at + 3]],
-            };
+            let p = coordinates_in_fours(c, 4 * r + k);
             for order in 0..3 {
                 for d in 0..4 {
                     row[order][d] += bu[order][k] * p[d];

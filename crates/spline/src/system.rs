@@ -4,7 +4,7 @@
 //! and factors. Three unknowns a node: the coordinates of its vertex. Made once for a hierarchy and used for every iteration.
 
 use crate::cell_information::{CellInformation, scalar_element};
-use crate::energy::{LeafEnergy, QuadraturePoint, quadrature};
+use crate::energy::{LeafEnergy, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
 use planish_estimate::Result;
@@ -302,52 +302,6 @@ impl SurfaceSystem {
             }
             form
         })
-    }
-
-    /// Area weights of the same points on every leaf in the metric of a reference surface, leaf by leaf: for [`Self::project_field`].
-    #[must_use]
-    pub fn field_weights(&self, reference: &Surface, points: &[QuadraturePoint]) -> Vec<f64> {
-        (0..self.scatters.len())
-            .into_par_iter()
-            .with_min_len(64)
-            .flat_map_iter(|leaf| {
-                let side = self.space.leaves()[leaf].side();
-                points.iter().map(move |q| {
-                    let [u, v] = self.space.parameters(leaf, q.local);
-                    q.weight * side * side * reference.jet(u, v).area_element()
-                })
-            })
-            .collect()
-    }
-
-    /// Right-hand sides `∫ B_a f dA` of a vector field sampled at the same points of every leaf: node-major, three columns.
-    ///
-    /// `field(leaf, n)` is the value at the `n`-th point; `weights` are those of [`Self::field_weights`].
-    #[must_use]
-    pub fn project_field(
-        &self,
-        points: &[QuadraturePoint],
-        weights: &[f64],
-        field: impl Fn(usize, usize) -> [f64; 3] + Sync,
-    ) -> Vec<f64> {
-        let bases: Vec<[f64; 16]> = points.iter().map(|q| leaf_weights(q.local[0], q.local[1])).collect();
-        let of_leaves: Vec<[[f64; 3]; 16]> = (0..self.scatters.len())
-            .into_par_iter()
-            .with_min_len(32)
-            .map(|leaf| {
-                let mut cell = [[0.0; 3]; 16];
-                for (n, basis) in bases.iter().enumerate() {
-                    let value = field(leaf, n).map(|x| weights[leaf * points.len() + n] * x);
-                    for (c, b) in cell.iter_mut().zip(basis) {
-                        for d in 0..3 {
-                            c[d] += b * value[d];
-                        }
-                    }
-                }
-                cell
-            })
-            .collect();
-        self.space.sparse_extraction().gather(&of_leaves)
     }
 
     /// Factors a matrix of one unknown a node.

@@ -138,6 +138,8 @@ pub(super) struct NormalStep {
     pub degrees: Vec<f64>,
     /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard deviations of the surface.
     pub decrement: f64,
+    /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may have a long way to go.
+    pub seen: f64,
 }
 
 /// Probes for degrees of freedom: about 2 % of a thousand degrees, and less of more.
@@ -217,6 +219,9 @@ pub(super) fn normal_step(
     };
     let total: f64 = degrees.iter().sum();
     let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
+    let mut data_step = vec![0.0; step.len()];
+    readings.multiply(&step, &mut data_step)?;
+    let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
     let vertices = surface
         .vertices()
         .iter()
@@ -228,6 +233,7 @@ pub(super) fn normal_step(
         surface: surface.with_vertices(vertices.collect())?,
         degrees,
         decrement,
+        seen,
     })
 }
 

@@ -17,7 +17,7 @@
 use super::indicator::{BlurredIndicator, Indicator, LEAST_BLUR_CELLS};
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
-use planish_spline::{BaseShape, QuadraturePoint, Surface, SurfaceSystem, cubic};
+use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -116,39 +116,12 @@ struct Target {
 struct Stage {
     system: SurfaceSystem,
     factor: planish_estimate::sparse::CholeskyFactor,
-    /// Points of each leaf at which steps are measured.
-    points: [QuadraturePoint; 4],
-    weights: Vec<f64>,
-    /// Area elements of the base at the points.
-    base_area: Vec<f64>,
-    /// Weights of a leaf's coefficients at the points: value and the derivatives along u and v.
-    basis: [[[f64; 16]; 3]; 4],
+    /// Where steps are measured. The middle of a leaf alone would be cheaper, but thin parts of scans with gaps come out shorter.
+    points: FieldPoints,
+    /// Area of the base that each point stands for.
+    weights: Vec<[f64; FieldPoints::COUNT]>,
+    side: f64,
     cell: f64,
-}
-
-/// The 2 × 2 Gauss points of a leaf. Its middle alone would be cheaper, but thin parts of scans with gaps come out shorter.
-fn gauss_points() -> [QuadraturePoint; 4] {
-    let near = 0.5 - 0.5 / 3.0_f64.sqrt();
-    [
-        [near, near],
-        [1.0 - near, near],
-        [near, 1.0 - near],
-        [1.0 - near, 1.0 - near],
-    ]
-    .map(|local| QuadraturePoint { local, weight: 0.25 })
-}
-
-/// Point and tangents of a leaf where the weights are known.
-fn frame(basis: &[[f64; 16]; 3], coefficients: &[[f64; 3]; 16]) -> [[f64; 3]; 3] {
-    basis.map(|weights| {
-        let mut sum = [0.0; 3];
-        for (w, c) in weights.iter().zip(coefficients) {
-            for d in 0..3 {
-                sum[d] += w * c[d];
-            }
-        }
-        sum
-    })
 }
 
 impl Stage {
@@ -158,85 +131,93 @@ impl Stage {
         let mut matrix = system.mass(reference)?;
         matrix.add_scaled(&system.thin_plate(reference)?, (SMOOTHING_CELLS * cell).powi(4))?;
         let factor = system.factorize_scalar(&matrix)?;
-        let points = gauss_points();
-        let weights = system.field_weights(reference, &points);
-        let side = surface.space().leaves()[0].side();
-        let share = side * side / points.len() as f64;
-        let base_area = weights.iter().map(|w| (w / share).max(1e-300)).collect();
-        let frame_weights = |q: QuadraturePoint| {
-            let (bu, bv) = (cubic(q.local[0]), cubic(q.local[1]));
-            [(0, 0, 1.0), (1, 0, 1.0 / side), (0, 1, 1.0 / side)]
-                .map(|(u, v, scale)| std::array::from_fn(|k| scale * bv[v][k / 4] * bu[u][k % 4]))
-        };
-        let basis = points.map(frame_weights);
+        let points = FieldPoints::default();
+        let weights = system.field_weights(&points, reference);
         Ok(Self {
             system,
             factor,
             points,
             weights,
-            base_area,
-            basis,
+            side: surface.space().leaves()[0].side(),
             cell,
         })
     }
 
     /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u and v at the points.
-    fn stretch(&self, surface: &Surface) -> Result<Vec<[f64; 2]>> {
-        let mut field = self.system.project_field(&self.points, &self.weights, |leaf, n| {
-            let [_, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            let base = self.base_area[leaf * self.points.len() + n];
-            [(norm(cross(du, dv)) / base).max(1e-6).ln(), 0.0, 0.0]
+    fn stretch(&self, surface: &Surface) -> Result<Vec<[[f64; 2]; FieldPoints::COUNT]>> {
+        let share = self.side * self.side / FieldPoints::COUNT as f64;
+        let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
+            let mut values = [[0.0; 3]; FieldPoints::COUNT];
+            let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
+            for ((value, [_, du, dv]), weight) in values.iter_mut().zip(frames).zip(&self.weights[leaf]) {
+                let base = (weight / share).max(1e-300);
+                value[0] = (norm(cross(du, dv)) / base).max(1e-6).ln();
+            }
+            values
         });
         self.factor.solve_in_place(&mut field)?;
         let smooth = self.system.surface(&field)?;
-        let leaves = surface.space().leaves().len();
-        let derivatives = (0..leaves).into_par_iter().with_min_len(64).flat_map_iter(|leaf| {
-            let coefficients = smooth.leaf_coefficients(leaf);
-            self.basis.iter().map(move |[_, along_u, along_v]| {
-                [along_u, along_v].map(|w| w.iter().zip(coefficients).map(|(w, c)| w * c[0]).sum())
+        Ok((0..surface.space().leaves().len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|leaf| {
+                self.points
+                    .frames(smooth.leaf_coefficients(leaf), self.side)
+                    .map(|[_, along_u, along_v]| [along_u[0], along_v[0]])
             })
-        });
-        Ok(derivatives.collect())
+            .collect())
     }
 
     /// The smoothed step of every node.
-    fn step(&self, surface: &Surface, stretch: &[[f64; 2]], target: &Target) -> Result<Vec<f64>> {
-        let cell = self.cell;
-        let longest = LONGEST_STEP_CELLS * cell;
-        let mut step = self.system.project_field(&self.points, &self.weights, |leaf, n| {
-            let [point, du, dv] = frame(&self.basis[n], surface.leaf_coefficients(leaf));
-            let Some(normal) = unit(cross(du, dv)) else {
-                return [0.0; 3];
+    fn step(&self, surface: &Surface, stretch: &[[[f64; 2]; FieldPoints::COUNT]], target: &Target) -> Result<Vec<f64>> {
+        let mut step = self.system.project_field(&self.points, &self.weights, |leaf| {
+            let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
+            let mean_curvature = |n| {
+                let [s, t] = self.points.local(n);
+                surface.leaf_jet(leaf, s, t).mean_curvature()
             };
-            let (value, gradient) = target.field.sample(point);
-            let slope = norm(gradient);
-            let (mut d, mut facing) = ([0.0; 3], 0.0);
-            if slope > 0.0 {
-                let downhill = scale(-1.0 / slope, gradient);
-                facing = dot(downhill, normal);
-                let height = ((value - target.iso) / slope).clamp(-longest, longest);
-                let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
-                d = add(
-                    scale(along_normal * height, normal),
-                    scale((1.0 - along_normal) * height, downhill),
-                );
-            }
-            let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
-            if outside > 0.0
-                && let [s, t] = self.points[n].local
-                && let Some(mean) = surface.leaf_jet(leaf, s, t).mean_curvature()
-            {
-                let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
-                d = add_scaled(d, outside * draw, normal);
-            }
-            let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
-            add(
-                d,
-                drift(du, dv, stretch[leaf * self.points.len() + n], strength, longest),
-            )
+            std::array::from_fn(|n| self.step_at(frames[n], stretch[leaf][n], target, || mean_curvature(n)))
         });
         self.factor.solve_in_place(&mut step)?;
         Ok(step)
+    }
+
+    /// The step at a point with its tangents, before smoothing.
+    #[inline]
+    fn step_at(
+        &self,
+        [point, du, dv]: [[f64; 3]; 3],
+        stretch: [f64; 2],
+        target: &Target,
+        mean_curvature: impl Fn() -> Option<f64>,
+    ) -> [f64; 3] {
+        let cell = self.cell;
+        let longest = LONGEST_STEP_CELLS * cell;
+        let Some(normal) = unit(cross(du, dv)) else {
+            return [0.0; 3];
+        };
+        let (value, gradient) = target.field.sample(point);
+        let slope = norm(gradient);
+        let (mut d, mut facing) = ([0.0; 3], 0.0);
+        if slope > 0.0 {
+            let downhill = scale(-1.0 / slope, gradient);
+            facing = dot(downhill, normal);
+            let height = ((value - target.iso) / slope).clamp(-longest, longest);
+            let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
+            d = add(
+                scale(along_normal * height, normal),
+                scale((1.0 - along_normal) * height, downhill),
+            );
+        }
+        let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
+        if outside > 0.0
+            && let Some(mean) = mean_curvature()
+        {
+            let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
+            d = add_scaled(d, outside * draw, normal);
+        }
+        let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
+        add(d, drift(du, dv, stretch, strength, longest))
     }
 }
 

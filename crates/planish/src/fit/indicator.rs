@@ -41,7 +41,7 @@ pub(super) struct BlurredIndicator {
     values: Vec<f64>,
 }
 
-/// A cubic grid of sample points, periodic.
+/// A cubic grid of sample points; what is transformed on it is periodic.
 #[derive(Clone, Copy)]
 struct Grid {
     origin: [f64; 3],
@@ -141,7 +141,9 @@ impl BlurredIndicator {
     /// Value and gradient by trilinear interpolation; outside the box, of its nearest point.
     pub(super) fn sample(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
         let (corner, t) = self.grid.locate(p);
-        let at = |a: usize, b: usize, c: usize| self.values[self.grid.index(corner, [a, b, c])];
+        let (n, first) = (self.grid.cells, self.grid.index(corner));
+        let values = &self.values[first..first + n * n + n + 2];
+        let at = |a: usize, b: usize, c: usize| values[(c * n + b) * n + a];
         // Along x, then y, then z; each step keeps what the derivatives need.
         let along_x = |b: usize, c: usize| {
             let (low, high) = (at(0, b, c), at(1, b, c));
@@ -182,19 +184,15 @@ impl BlurredIndicator {
 }
 
 impl Grid {
-    /// The grid point below `p` and the local coordinates from there.
+    /// The lowest corner of the cube that holds `p`, and the local coordinates in it.
     fn locate(self, p: [f64; 3]) -> ([usize; 3], [f64; 3]) {
         let x = scale(1.0 / self.cell, sub(p, self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
-        let corner = x.map(|c| c as usize);
+        let corner = x.map(|c| (c as usize).min(self.cells - 2));
         (corner, [0, 1, 2].map(|d| x[d] - corner[d] as f64))
     }
 
-    /// The index of the point `step` above a corner; the grid is periodic.
-    fn index(self, corner: [usize; 3], step: [usize; 3]) -> usize {
-        let [a, b, c] = [0, 1, 2].map(|d| {
-            let m = corner[d] + step[d];
-            if m >= self.cells { m - self.cells } else { m }
-        });
+    /// The index of a grid point.
+    fn index(self, [a, b, c]: [usize; 3]) -> usize {
         (c * self.cells + b) * self.cells + a
     }
 
@@ -204,7 +202,7 @@ impl Grid {
             for b in 0..2 {
                 for a in 0..2 {
                     let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
-                    add(self.index(corner, [a, b, c]), w);
+                    add(self.index([corner[0] + a, corner[1] + b, corner[2] + c]), w);
                 }
             }
         }

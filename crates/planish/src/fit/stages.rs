@@ -28,8 +28,10 @@ const MOST_FINDING_ITERATIONS: usize = 8;
 const FOUND: f64 = 30.0;
 /// Iterations at the end.
 const LAST_ITERATIONS: usize = 7;
-/// The surface is at rest when its mean square step is this share of its variance, and its weight has settled to within so much.
+/// The surface is at rest when the mean square step that readings see is this share of its variance, with what only the prior holds not
+/// more than so many times its variance off, and its weight has settled to within so much.
 const AT_REST: f64 = 0.1;
+const UNSEEN_AT_REST: f64 = 4.0;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
@@ -210,6 +212,7 @@ pub(super) fn refine_to_noise(
     let (mut weight, mut area) = (None, None);
     let mut degrees: Option<Vec<f64>> = None;
     let mut final_round = false;
+    let mut outside: Vec<u32> = Vec::new();
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     for round in 0.. {
         let system = SurfaceSystem::new(surface.space())?;
@@ -221,12 +224,14 @@ pub(super) fn refine_to_noise(
             subset.iter().copied().step_by((subset.len() / wanted).max(1)).collect()
         };
         // A reading is searched for when it is first seen, with its normal; later its foot is followed from where it was. In the last
-        // round all are searched for anew.
-        let lost: Vec<u32> = sample
-            .iter()
-            .copied()
-            .filter(|&i| final_round || at[i as usize][0].is_nan())
-            .collect();
+        // round those that lie outside the gate are searched for anew.
+        let again = if final_round {
+            std::mem::take(&mut outside)
+        } else {
+            Vec::new()
+        };
+        let unseen = sample.iter().copied().filter(|&i| at[i as usize][0].is_nan());
+        let lost: Vec<u32> = unseen.chain(again).collect();
         if !lost.is_empty() {
             let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
             project(&surface, observations, &lost, &mut at, Some(&search), &noise.used);
@@ -273,7 +278,8 @@ pub(super) fn refine_to_noise(
             let stiffest = weight_of_length(&information, area, STIFFEST * area.sqrt());
             let next = next.clamp(0.2 * start, 5.0 * start).min(stiffest);
             weight = Some(next);
-            let resting = step.decrement < AT_REST && (next / start - 1.0).abs() < WEIGHT_AT_REST;
+            let resting =
+                step.seen < AT_REST && step.decrement < UNSEEN_AT_REST && (next / start - 1.0).abs() < WEIGHT_AT_REST;
             degrees = Some(step.degrees);
             if resting || (!final_round && iteration + 1 >= FINDING_ITERATIONS && step.decrement < FOUND) {
                 break;
@@ -309,6 +315,13 @@ pub(super) fn refine_to_noise(
         }
         // What the leaves cannot follow.
         feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+        let kept = weights(observations, &sample, &feet, &noise, options.gate, false);
+        outside = sample
+            .iter()
+            .zip(&kept)
+            .filter(|(_, w)| **w == 0.0)
+            .map(|(i, _)| *i)
+            .collect();
         let verdict = misfit(
             &surface,
             &feet,
