@@ -16,6 +16,7 @@ use crate::hierarchy::Hierarchy;
 use crate::surface::{Jet, Surface};
 use planish_estimate::vector3::dot;
 use rayon::prelude::*;
+use std::f64::consts::SQRT_2;
 
 /// Gauss–Legendre points and weights on [0, 1], four of them: exact to degree 7, as squares of cubics on a plane need.
 const GAUSS: [(f64, f64); 4] = [
@@ -85,30 +86,39 @@ impl Surface {
     /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a leaf, in parallel.
     #[must_use]
     pub fn thin_plate(&self, space: &Hierarchy) -> Vec<LeafEnergy> {
+        let bases = quadrature().map(PointBasis::new);
         (0..space.leaves().len())
             .into_par_iter()
             .with_min_len(64)
-            .map(|leaf| self.leaf_energy(space, leaf))
+            .map(|leaf| self.leaf_energy(space, leaf, &bases))
             .collect()
     }
 
-    fn leaf_energy(&self, space: &Hierarchy, leaf: usize) -> LeafEnergy {
+    fn leaf_energy(&self, space: &Hierarchy, leaf: usize, bases: &[PointBasis; 16]) -> LeafEnergy {
         let mut thin_plate = [[0.0; 16]; 16];
         let mut total_area = 0.0;
         let side = space.leaves()[leaf].side();
-        for q in quadrature() {
-            let [u, v] = space.parameters(leaf, q.local);
-            let jet = self.jet(u, v);
-            let Some((rows, area)) = hessian_rows(&jet, q.local, side) else {
+        let own = std::ptr::eq(space, &**self.space());
+        for basis in bases {
+            let [s, t] = basis.point.local;
+            let jet = if own {
+                self.leaf_jet(leaf, s, t)
+            } else {
+                let [u, v] = space.parameters(leaf, [s, t]);
+                self.jet(u, v)
+            };
+            let Some((rows, area)) = basis.hessian_rows(&jet, side) else {
                 continue;
             };
-            let weight = q.weight * side * side * area;
+            let weight = basis.point.weight * side * side * area;
             total_area += weight;
             for row in &rows {
+                // The lower triangle, in whole fours.
                 for k in 0..16 {
                     let w = weight * row[k];
-                    for l in 0..=k {
-                        thin_plate[k][l] += w * row[l];
+                    let fours = 4 * (k / 4 + 1);
+                    for (entry, r) in thin_plate[k][..fours].iter_mut().zip(&row[..fours]) {
+                        *entry += w * r;
                     }
                 }
             }
@@ -125,41 +135,56 @@ impl Surface {
     }
 }
 
-/// The covariant Hessian of each of a leaf's sixteen functions, in an orthonormal tangent frame of the jet:
-/// rows for 11, √2·12 and 22; and the area element.
-fn hessian_rows(jet: &Jet, local: [f64; 2], side: f64) -> Option<([[f64; 16]; 3], f64)> {
-    let [e, f, g] = jet.first_form();
-    let area2 = e * g - f * f;
-    if !(area2 > 1e-24 * (e + g) * (e + g) && e > 0.0) {
-        return None;
+/// The sixteen functions of a leaf at a quadrature point: what is the same for all leaves.
+struct PointBasis {
+    point: QuadraturePoint,
+    /// Derivatives `u, v, uu, uv, vv` in local coordinates.
+    derivatives: [[f64; 16]; 5],
+}
+
+impl PointBasis {
+    fn new(point: QuadraturePoint) -> Self {
+        let [bu, bv] = point.local.map(cubic);
+        let derivatives = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+            .map(|(along_u, along_v)| std::array::from_fn(|k| bu[along_u][k % 4] * bv[along_v][k / 4]));
+        Self { point, derivatives }
     }
-    // Christoffel symbols Γ^c_ab = g^{cd} S_ab · S_d.
-    let christoffel = |second: [f64; 3]| {
-        let (a, b) = (dot(second, jet.du), dot(second, jet.dv));
-        [(g * a - f * b) / area2, (e * b - f * a) / area2]
-    };
-    let gamma = [christoffel(jet.duu), christoffel(jet.duv), christoffel(jet.dvv)];
-    // Orthonormal frame: e1 = ∂u/√E, e2 = (∂v − F/E ∂u)/√(area²/E).
-    let a1 = 1.0 / e.sqrt();
-    let b2 = (e / area2).sqrt();
-    let a2 = -f / e * b2;
-    let (bu, bv) = (cubic(local[0]), cubic(local[1]));
-    let h = 1.0 / side;
-    let mut rows = [[0.0; 16]; 3];
-    for k in 0..16 {
-        let (c, r) = (k % 4, k / 4);
-        let (du, dv) = (h * bu[1][c] * bv[0][r], h * bu[0][c] * bv[1][r]);
-        let second = [
-            h * h * bu[2][c] * bv[0][r],
-            h * h * bu[1][c] * bv[1][r],
-            h * h * bu[0][c] * bv[2][r],
+
+    /// The covariant Hessian of each of the functions, in an orthonormal tangent frame of the jet: rows for 11, √2·12 and 22; and the
+    /// area element.
+    fn hessian_rows(&self, jet: &Jet, side: f64) -> Option<([[f64; 16]; 3], f64)> {
+        let [e, f, g] = jet.first_form();
+        let area2 = e * g - f * f;
+        if !(area2 > 1e-24 * (e + g) * (e + g) && e > 0.0) {
+            return None;
+        }
+        // Christoffel symbols Γ^c_ab = g^{cd} S_ab · S_d.
+        let christoffel = |second: [f64; 3]| {
+            let (a, b) = (dot(second, jet.du), dot(second, jet.dv));
+            [(g * a - f * b) / area2, (e * b - f * a) / area2]
+        };
+        let gamma = [christoffel(jet.duu), christoffel(jet.duv), christoffel(jet.dvv)];
+        // Orthonormal frame: e1 = ∂u/√E, e2 = (∂v − F/E ∂u)/√(area²/E).
+        let a1 = 1.0 / e.sqrt();
+        let b2 = (e / area2).sqrt();
+        let a2 = -f / e * b2;
+        // The frame's coefficients of uu, uv and vv in each row, and with the symbols those of u and v.
+        let frame = [
+            [a1 * a1, 0.0, 0.0],
+            [SQRT_2 * a1 * a2, SQRT_2 * a1 * b2, 0.0],
+            [a2 * a2, 2.0 * a2 * b2, b2 * b2],
         ];
-        let [uu, uv, vv] = [0, 1, 2].map(|i| second[i] - gamma[i][0] * du - gamma[i][1] * dv);
-        rows[0][k] = a1 * a1 * uu;
-        rows[1][k] = std::f64::consts::SQRT_2 * a1 * (a2 * uu + b2 * uv);
-        rows[2][k] = a2 * a2 * uu + 2.0 * a2 * b2 * uv + b2 * b2 * vv;
+        let h = 1.0 / side;
+        let [du, dv, duu, duv, dvv] = &self.derivatives;
+        let rows = frame.map(|second| {
+            let first = [0, 1].map(|c| -h * (0..3).map(|i| second[i] * gamma[i][c]).sum::<f64>());
+            let second = second.map(|x| h * h * x);
+            std::array::from_fn(|k| {
+                first[0] * du[k] + first[1] * dv[k] + second[0] * duu[k] + second[1] * duv[k] + second[2] * dvv[k]
+            })
+        });
+        Some((rows, area2.sqrt()))
     }
-    Some((rows, area2.sqrt()))
 }
 
 #[cfg(test)]

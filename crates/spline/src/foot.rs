@@ -57,7 +57,7 @@ impl Surface {
     /// Minimises `|S(u, v) − z|²/2`: full Newton where the Hessian is positive definite, Gauss–Newton elsewhere; each step is
     /// halved until the distance falls. Cells are crossed freely; open borders hold the foot point.
     ///
-    /// Cost: a few jets; typically 3 from a neighbouring sample and 1 when the surface has hardly moved.
+    /// Cost: a few jets; typically 2 or 3 from a neighbouring sample and 1 when the surface has hardly moved.
     #[must_use]
     pub fn project(&self, z: [f64; 3], [u, v]: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         let space = self.space();
@@ -81,6 +81,13 @@ impl Surface {
             // No further than two cells at once: the model of the distance is local.
             let longest = step[0].abs().max(step[1].abs());
             if longest == 0.0 {
+                converged = true;
+                break;
+            }
+            // The last step is so short that the jet itself tells where it leads.
+            let inside = [0, 1].map(|d| local[d] + step[d] / side);
+            if (longest / side).powi(2) < options.relative_tolerance && inside.iter().all(|c| (0.0..1.0).contains(c)) {
+                (local, jet) = (inside, jet.shifted(step));
                 converged = true;
                 break;
             }

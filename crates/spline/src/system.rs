@@ -146,13 +146,7 @@ impl SurfaceSystem {
                         for (r, &node) in row.iter_mut().zip(nodes) {
                             *r *= dot(direction, directions[node as usize]);
                         }
-                        for a in 0..n {
-                            let wa = w * row[a];
-                            vector[a] += wa * value;
-                            for (m, r) in matrix[a * n..a * n + a + 1].iter_mut().zip(&row) {
-                                *m += wa * r;
-                            }
-                        }
+                        add_outer(matrix, vector, &row, value, w);
                     });
                     if let Some((matrix, _)) = &mut made {
                         for a in 0..n {
@@ -349,5 +343,19 @@ impl SurfaceSystem {
     pub fn surface(&self, solution: &[f64]) -> Result<Surface> {
         let vertices = solution.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
         Surface::new(Arc::clone(&self.space), vertices)
+    }
+}
+
+/// Adds `w r rᵀ` to the lower triangle of a row-major matrix, and `w r value` to a vector.
+fn add_outer(matrix: &mut [f64], vector: &mut [f64], row: &[f64], value: f64, w: f64) {
+    let n = row.len();
+    for (a, (line, v)) in matrix.chunks_exact_mut(n).zip(vector).enumerate() {
+        let wa = w * row[a];
+        *v += wa * value;
+        // Whole fours: what lands above the diagonal is overwritten when the triangle is mirrored.
+        let fours = n.min(4 * (a / 4 + 1));
+        for (m, r) in line[..fours].iter_mut().zip(&row[..fours]) {
+            *m += wa * r;
+        }
     }
 }
