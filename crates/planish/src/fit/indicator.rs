@@ -123,6 +123,8 @@ impl Indicator {
         // A coarser grid holds the low frequencies only: the blur leaves nothing of the others.
         let n = grid.cells;
         let mut waves: Vec<Complex<f64>> = (0..n.pow(3))
+            .into_par_iter()
+            .with_min_len(4096)
             .map(|index| {
                 let [a, b, c] = split(index, n).map(|m| if m > n / 2 { m + CELLS - n } else { m });
                 self.spectrum[(c * CELLS + b) * CELLS + a]

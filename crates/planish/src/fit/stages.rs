@@ -739,6 +739,8 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
 /// Area of each leaf.
 pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
     (0..surface.space().leaves().len())
+        .into_par_iter()
+        .with_min_len(64)
         .map(|leaf| surface.leaf_area(leaf))
         .collect()
 }
