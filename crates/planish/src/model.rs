@@ -211,22 +211,25 @@ impl LeafCovariance<'_> {
     /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`.
     #[must_use]
     pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
+        // By fours and by rows: a plain sum would wait for each of its additions.
         let row: Vec<f64> = self
             .weights
             .iter()
             .zip(&self.directions)
-            .map(|(w, d)| dot(a, *d) * w.iter().zip(c).map(|(e, b)| e * b).sum::<f64>())
-            .collect();
-        let n = row.len();
-        (0..n)
-            .map(|i| {
-                row[i]
-                    * self.covariance[i * n..(i + 1) * n]
-                        .iter()
-                        .zip(&row)
-                        .map(|(s, r)| s * r)
-                        .sum::<f64>()
+            .map(|(w, d)| {
+                let mut sums = [0.0; 4];
+                for k in 0..16 {
+                    sums[k % 4] += w[k] * c[k];
+                }
+                dot(a, *d) * ((sums[0] + sums[1]) + (sums[2] + sums[3]))
             })
-            .sum()
+            .collect();
+        let mut along = vec![0.0; row.len()];
+        for (r, line) in row.iter().zip(self.covariance.chunks_exact(row.len())) {
+            for (y, s) in along.iter_mut().zip(line) {
+                *y += r * s;
+            }
+        }
+        along.iter().zip(&row).map(|(y, r)| y * r).sum()
     }
 }

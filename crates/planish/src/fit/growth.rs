@@ -32,12 +32,10 @@ const INWARD_SHARE: f64 = 0.3;
 const SMOOTHING_CELLS: f64 = 0.6;
 const LONGEST_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
-/// A film draws back faster than the rest moves: it has far to go, and only its rim is curved enough to be drawn.
-const DRAW: f64 = 8.0;
-const LONGEST_DRAW_CELLS: f64 = 0.6;
+const DRAW: f64 = 4.0;
 /// Steps from which on a stage may end early, and at most.
 const FEW_STEPS: usize = 8;
-const MOST_STEPS: usize = 24;
+const MOST_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
 const STRETCH_EVERY: usize = 4;
 
@@ -215,7 +213,6 @@ impl Stage {
         if outside > 0.0
             && let Some(mean) = mean_curvature()
         {
-            let longest = LONGEST_DRAW_CELLS * cell;
             let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
             d = add_scaled(d, outside * draw, normal);
         }
