@@ -136,7 +136,7 @@ Examples:
   planish fit bun.conf --unit m -o bunny.step
   planish fit today.ply --update part.planish -o newer.planish
 
-Scans are .ply, .xyz, .txt, .asc, .csv or .pts; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
+Scans are .ply, .pcd, .las, .laz, .xyz, .txt, .asc, .csv or .pts; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
 names the sensors and their σ). A σ that nobody states is estimated from the data; one that the data contradict is \
 reported and replaced. All lengths are in the unit of the files.
 
@@ -149,7 +149,7 @@ Outputs, by extension:
 #[derive(Debug, Args)]
 #[command(after_help = FIT_EXAMPLES)]
 pub struct FitArgs {
-    /// Scans (.ply, .xyz, .csv, …) and lists of scans (.conf, .toml)
+    /// Scans (.ply, .pcd, .xyz, .csv, …) and lists of scans (.conf, .toml)
     #[arg(required = true, value_name = "SCAN", value_hint = ValueHint::FilePath)]
     pub scans: Vec<PathBuf>,
     /// Write the model; the extension says how (.step, .ply, .planish); may be given several times

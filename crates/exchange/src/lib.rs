@@ -4,6 +4,8 @@
 //! |---|---|---|
 //! | [`ply`] | PLY | scans and meshes in; scans, meshes and points out |
 //! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
+//! | [`pcd`] | PCD, three encodings | organised and plain clouds in |
+//! | [`las`] | LAS, LAZ | points and their classes in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
@@ -13,13 +15,16 @@
 //! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
 
 pub mod job;
+pub mod las;
 pub mod model;
+pub mod pcd;
 pub mod ply;
 pub mod step;
 pub mod vrip;
 pub mod xyz;
 
 mod atomic;
+mod numbers;
 mod points;
 mod scans;
 mod source;

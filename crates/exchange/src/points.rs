@@ -142,6 +142,11 @@ impl PointCollector {
         }
     }
 
+    /// How many points were kept so far.
+    pub(crate) fn len(&self) -> usize {
+        self.scan.points.len()
+    }
+
     /// Adds a record of at least [`PointColumns::width`] numbers.
     #[inline]
     pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {

@@ -1,6 +1,6 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! Comes in: paths of scans (`ply`, `xyz`, `txt`, `asc`, `csv`, `pts`) and of lists of scans (`conf`, `toml`), mixed at
+//! Comes in: paths of scans (`ply`, `pcd`, `las`, `laz`, `xyz`, `txt`, `asc`, `csv`, `pts`) and of lists of scans (`conf`, `toml`), mixed at
 //! will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of threads.
 //! Not guaranteed: that scans overlap, or share a frame where no pose was given.
 
@@ -14,6 +14,8 @@ use rayon::prelude::*;
 
 use crate::Unit;
 use crate::job::read_job;
+use crate::las::read_las;
+use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
@@ -125,6 +127,8 @@ fn extension(path: &Path) -> String {
 fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
     match extension(path).as_str() {
         "ply" => read_scan_and_unit(path),
+        "las" | "laz" => read_las(path).map(|scan| (scan, None)),
+        "pcd" => read_pcd(path).map(|scan| (scan, None)),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         other => {
             // A wrong name is the likelier mistake.
@@ -139,7 +143,7 @@ fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
                 other => format!("the extension `{other}`"),
             };
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found {found}",
+                "{}: needed a scan (ply, pcd, las, laz, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found {found}",
                 path.display()
             )))
         }

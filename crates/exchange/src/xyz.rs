@@ -57,7 +57,12 @@ impl Separator {
                 let end = line.iter().position(|&b| b == byte);
                 let field = &line[..end.unwrap_or(line.len())];
                 *rest = end.map(|end| &line[end + 1..]);
-                Some(field.trim_ascii())
+                // Spreadsheets may quote every field.
+                let field = field.trim_ascii();
+                Some(match field {
+                    [b'"', inside @ .., b'"'] => inside,
+                    _ => field,
+                })
             }
         }
     }
@@ -242,6 +247,7 @@ mod tests {
             "1\t2.5\t-3\r\n4\t5\t6e-3",
             "1,2.5,-3\n4, 5 ,6e-3\n",
             "1;2.5;-3\n\n4; 5;6e-3\n",
+            "\"x\",\"y\",\"z\"\n\"1\",\"2.5\",-3\n4,5,\"6e-3\"\n",
             "# made by hand\n1 2.5 -3\n// and more\n  4 5 6e-3  \n",
             "2\n1 2.5 -3\n4 5 6e-3\n",
             "\u{feff}x,y,z\n1,2.5,-3\n4,5,6e-3\n",

@@ -54,6 +54,8 @@ pub struct Scan {
     pub normals: Option<Vec<[f64; 3]>>,
     /// Standard deviation of the normals, in degrees.
     pub sigma_normal_deg: Option<Vec<f64>>,
+    /// What each point lies on, by the classes of the ASPRS (2 is ground), where somebody has told them apart.
+    pub classes: Option<Vec<u8>>,
     /// Sampling grid of an organised scan.
     pub grid: Option<RangeGrid>,
     /// How the sensor looks, in the scanner's frame.

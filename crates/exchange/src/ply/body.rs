@@ -10,7 +10,7 @@ use std::io::Read;
 
 use planish_estimate::{Error, Result};
 
-use super::header::{Element, Encoding, NumberType};
+use super::header::{Element, Encoding};
 use crate::source::{Source, next_word, parse_number, shown};
 
 /// Where a row stands, for messages.
@@ -191,29 +191,6 @@ fn read_text_rows<R: Read>(
     Ok(())
 }
 
-/// A number of a binary body; `bytes` has the type's size.
-#[inline]
-fn decode<const BIG: bool>(number: NumberType, bytes: &[u8]) -> f64 {
-    fn ordered<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
-        let mut ordered = [0; N];
-        ordered.copy_from_slice(&bytes[..N]);
-        if BIG {
-            ordered.reverse();
-        }
-        ordered
-    }
-    match number {
-        NumberType::I8 => f64::from(i8::from_le_bytes(ordered::<BIG, 1>(bytes))),
-        NumberType::U8 => f64::from(bytes[0]),
-        NumberType::I16 => f64::from(i16::from_le_bytes(ordered::<BIG, 2>(bytes))),
-        NumberType::U16 => f64::from(u16::from_le_bytes(ordered::<BIG, 2>(bytes))),
-        NumberType::I32 => f64::from(i32::from_le_bytes(ordered::<BIG, 4>(bytes))),
-        NumberType::U32 => f64::from(u32::from_le_bytes(ordered::<BIG, 4>(bytes))),
-        NumberType::F32 => f64::from(f32::from_le_bytes(ordered::<BIG, 4>(bytes))),
-        NumberType::F64 => f64::from_le_bytes(ordered::<BIG, 8>(bytes)),
-    }
-}
-
 fn read_binary_rows<R: Read, const BIG: bool>(
     source: &mut Source<R>,
     element: &Element,
@@ -237,13 +214,13 @@ fn read_binary_rows<R: Read, const BIG: bool>(
             let mut bytes = source.bytes(row_size)?.ok_or_else(ends)?;
             for (value, property) in values.iter_mut().zip(&element.properties) {
                 let (head, rest) = bytes.split_at(property.number.size());
-                *value = decode::<BIG>(property.number, head);
+                *value = property.number.decode::<BIG>(head);
                 bytes = rest;
             }
         } else {
             for (k, property) in element.properties.iter().enumerate() {
                 let first = property.length.unwrap_or(property.number);
-                values[k] = decode::<BIG>(first, source.bytes(first.size())?.ok_or_else(ends)?);
+                values[k] = first.decode::<BIG>(source.bytes(first.size())?.ok_or_else(ends)?);
                 if property.length.is_none() {
                     continue;
                 }
@@ -262,7 +239,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                 }
                 list.clear();
                 for _ in 0..items {
-                    list.push(decode::<BIG>(property.number, source.bytes(size)?.ok_or_else(ends)?));
+                    list.push(property.number.decode::<BIG>(source.bytes(size)?.ok_or_else(ends)?));
                 }
             }
         }

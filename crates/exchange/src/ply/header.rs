@@ -8,6 +8,7 @@ use std::io::Read;
 use planish_estimate::{Error, Result};
 
 use crate::Unit;
+use crate::numbers::NumberType;
 use crate::source::{Source, shown};
 
 /// How the body is written.
@@ -16,45 +17,6 @@ pub(crate) enum Encoding {
     Ascii,
     Little,
     Big,
-}
-
-/// Types of numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NumberType {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-impl NumberType {
-    fn parse(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    /// Bytes that a number takes.
-    pub(crate) fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
 }
 
 /// A property: one number, or a list of numbers behind its length.

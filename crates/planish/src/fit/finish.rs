@@ -370,7 +370,10 @@ fn warnings(
              normals are wrong; σ says nothing of that"
         ));
     }
-    let gated: usize = rejected.values().sum();
+    // Classes that are not wanted were left out on purpose.
+    let unwanted = rejected.get(Rejection::Class.name()).copied().unwrap_or(0);
+    let total = total - unwanted;
+    let gated = rejected.values().sum::<usize>() - unwanted;
     if gated * 10 > total {
         warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));
     }

@@ -21,6 +21,8 @@ pub enum Rejection {
     NotFinite,
     /// The same coordinates as an earlier point of its scan, to the last digit: one reading written twice.
     Duplicate,
+    /// Of a class that the file calls noise, or not ground where the ground is fitted.
+    Class,
     /// A jump in depth to all of its neighbours, or far from all others.
     Isolated,
     /// Next to a jump in depth.
@@ -42,6 +44,7 @@ impl Rejection {
         match self {
             Self::NotFinite => "not_finite",
             Self::Duplicate => "duplicate",
+            Self::Class => "class",
             Self::Isolated => "isolated",
             Self::DepthEdge => "depth_edge",
             Self::Grazing => "grazing",
@@ -103,7 +106,14 @@ pub struct ObservationOptions {
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
+    /// Whether only the ground is wanted of points that are classified.
+    pub ground: bool,
 }
+
+/// Classes of the ASPRS that are readings of nothing: low and high noise.
+const NOISE_CLASSES: [u8; 2] = [7, 18];
+/// Classes that are bare earth: ground, and key points of it.
+const GROUND_CLASSES: [u8; 2] = [2, 8];
 
 /// Fewer points say nothing of a curved surface and its noise: a plane alone takes three, a quadric nine.
 const LEAST_POINTS: usize = 10;
@@ -155,7 +165,14 @@ impl Observations {
             let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
             // Noise of independent readings does not repeat to the last digit; a grid has one reading a cell.
             let mut seen = HashSet::new();
+            let ground = options.ground && (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class));
             for i in 0..scan.points.len() {
+                if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
+                    && (NOISE_CLASSES.contains(&class) || ground && !GROUND_CLASSES.contains(&class))
+                {
+                    *made.rejected.entry(Rejection::Class).or_insert(0) += 1;
+                    continue;
+                }
                 if scan.grid.is_none() && !seen.insert(scan.points[i].map(f64::to_bits)) {
                     *made.rejected.entry(Rejection::Duplicate).or_insert(0) += 1;
                     continue;

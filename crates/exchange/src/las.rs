@@ -1,0 +1,179 @@
+//! LAS and LAZ, the point clouds of airborne and terrestrial lidar.
+//!
+//! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class of every point where the
+//! file tells any apart. Points that are marked as withheld are not read.
+//!
+//! Not guaranteed: the coordinate reference system is not looked at; coordinates are in the file's own units, whatever they are.
+
+use std::io::BufReader;
+use std::path::Path;
+
+use las::{PointDataBuilder, Reader};
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+use crate::points::{PointCollector, PointColumns};
+use crate::source::open_file;
+
+/// Points that are read at once.
+const BATCH: u64 = 1 << 16;
+
+/// Reads points, and their classes where the file holds any.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// when it is malformed or cut off.
+pub fn read_las(path: &Path) -> Result<Scan> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    scan_from(path, &name).map_err(|e| e.in_context(path.display()))
+}
+
+fn scan_from(path: &Path, name: &str) -> Result<Scan> {
+    let (file, length) = open_file(path)?;
+    let damaged =
+        |e: las::Error, what: &str| Error::input(format!("{what}: the file is damaged or no LAS file")).with_source(e);
+    let mut reader = Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
+    let header = reader.header();
+    let promised = header.number_of_points();
+    let format = *header.point_format();
+    let record = u64::from(format.len());
+    if let Some(length) = length
+        && !format.is_compressed
+        && promised.saturating_mul(record) > length
+    {
+        return Err(Error::input(format!(
+            "the header promises {promised} points of {record} bytes, but the file has {length} bytes: it is cut off or its header is wrong"
+        )));
+    }
+    let mut batch = PointDataBuilder::new().for_header(header).build();
+    let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
+    let mut classes = Vec::new();
+    let mut point = 0;
+    while point < promised {
+        let found = reader
+            .fill_points(BATCH.min(promised - point), &mut batch)
+            .map_err(|e| damaged(e, &format!("point {point} or one of the next cannot be read")))?;
+        if found == 0 {
+            return Err(Error::input(format!(
+                "the file ends after {point} of {promised} points: it is cut off"
+            )));
+        }
+        let records = batch.raw_bytes().chunks_exact(batch.record_len());
+        let columns = batch
+            .x()
+            .zip(batch.y())
+            .zip(batch.z())
+            .zip(batch.classification())
+            .zip(records);
+        for ((((x, y), z), class), bytes) in columns {
+            if !is_withheld(bytes, format.is_extended) {
+                let before = collector.len();
+                collector.push(&[x, y, z], format_args!("point {point}"))?;
+                // A point that was dropped has no class.
+                if collector.len() > before {
+                    classes.push(class);
+                }
+            }
+            point += 1;
+        }
+    }
+    let (mut scan, _) = collector.finish(name);
+    // Never classified, or all alike: that says nothing.
+    if classes.iter().any(|c| *c > UNCLASSIFIED) {
+        scan.classes = Some(classes);
+    }
+    Ok(scan)
+}
+
+/// Class 0 was never classified, 1 is unclassified.
+const UNCLASSIFIED: u8 = 1;
+
+/// Whether a record carries the mark that it should not be used.
+fn is_withheld(record: &[u8], extended: bool) -> bool {
+    // Byte 15 holds class and marks in formats 0 to 5, the marks alone in formats 6 to 10.
+    record
+        .get(15)
+        .is_some_and(|byte| byte & if extended { 0b100 } else { 0b1000_0000 } != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use las::point::{Classification, Format};
+    use las::{Builder, Point, Transform, Vector, Writer};
+    use std::fs;
+    use std::path::PathBuf;
+
+    /// A hundred points near (6e5, 4e6), one of them withheld; every third one ground.
+    fn file(folder: &Path, name: &str, classified: bool) -> PathBuf {
+        let path = folder.join(name);
+        let mut builder = Builder::from((1, 4));
+        builder.point_format = Format::new(6).unwrap();
+        let axis = |offset| Transform { scale: 0.01, offset };
+        builder.transforms = Vector {
+            x: axis(600_000.0),
+            y: axis(4_000_000.0),
+            z: axis(0.0),
+        };
+        let mut writer = Writer::from_path(&path, builder.into_header().unwrap()).unwrap();
+        for i in 0..100 {
+            let class = if i % 3 == 0 {
+                Classification::Ground
+            } else {
+                Classification::Unclassified
+            };
+            let point = Point {
+                x: 600_000.0 + 0.25 * f64::from(i),
+                y: 4_000_000.5,
+                z: 0.01 * f64::from(i),
+                classification: if classified {
+                    class
+                } else {
+                    Classification::Unclassified
+                },
+                is_withheld: i == 50,
+                gps_time: Some(0.0),
+                ..Point::default()
+            };
+            writer.write_point(point).unwrap();
+        }
+        writer.close().unwrap();
+        path
+    }
+
+    #[test]
+    fn plain_and_compressed_files_give_the_same_points_and_classes() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.las", "a.laz"] {
+            let scan = read_las(&file(folder.path(), name, true)).unwrap();
+            assert_eq!(scan.points.len(), 99, "{name}");
+            for (p, expected) in scan.points[98].iter().zip([600_024.75, 4_000_000.5, 0.99]) {
+                assert!((p - expected).abs() < 1e-9, "{name}: {p}");
+            }
+            assert_eq!(scan.classes.unwrap().iter().filter(|&&c| c == 2).count(), 34);
+        }
+        let scan = read_las(&file(folder.path(), "b.las", false)).unwrap();
+        assert!(scan.classes.is_none(), "one class for all says nothing");
+    }
+
+    #[test]
+    fn damaged_files_are_errors_that_say_where() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.las", "a.laz"] {
+            let path = file(folder.path(), name, true);
+            let bytes = fs::read(&path).unwrap();
+            let message = |bytes: &[u8]| {
+                fs::write(&path, bytes).unwrap();
+                read_las(&path).map(|scan| scan.points.len()).unwrap_err().to_string()
+            };
+            assert!(message(&bytes[..bytes.len() * 2 / 3]).contains(name));
+            assert!(message(&bytes[..100]).contains("the header cannot be read"));
+            assert!(message(b"LASF but no more").contains("the header cannot be read"));
+            // The counts of points in the header of version 1.4, and of those before.
+            let mut bomb = bytes.clone();
+            bomb[107..111].copy_from_slice(&1_000_000_000_u32.to_le_bytes());
+            bomb[247..255].copy_from_slice(&1_000_000_000_u64.to_le_bytes());
+            assert!(message(&bomb).contains(name));
+        }
+    }
+}

@@ -1,0 +1,533 @@
+//! PCD, the point clouds of the Point Cloud Library: ASCII, binary and binary_compressed.
+//!
+//! Comes in: a header of `KEY value …` lines through `DATA`, and one record a point. Goes out: a [`Scan`] at the identity pose.
+//!
+//! **Fields.** `x y z`; `normal_x normal_y normal_z` or `nx ny nz`; `sigma` or `cxx cxy cxz cyy cyz czz`; `sigma_n_deg`; others are
+//! passed over. A cloud of more than one row (`HEIGHT`) is organised: it gives the sampling grid. `VIEWPOINT` says from where the scanner
+//! looked; its default, the origin, is believed for organised clouds only, because every other cloud that does not know it says so too.
+//!
+//! Not guaranteed: `VIEWPOINT`'s rotation is not applied; points are where the file puts them.
+
+use std::io::Read;
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::{RangeGrid, Scan, Viewing};
+
+use crate::numbers::NumberType;
+use crate::points::{PointCollector, PointColumns};
+use crate::source::{Source, next_word, open, parse_number, shown};
+
+/// A field of the records: `count` numbers of one type.
+struct Field {
+    name: String,
+    number: NumberType,
+    count: usize,
+}
+
+/// How the body is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Ascii,
+    Binary,
+    Compressed,
+}
+
+struct Header {
+    fields: Vec<Field>,
+    width: u64,
+    height: u64,
+    points: u64,
+    viewpoint: Option<[f64; 3]>,
+    encoding: Encoding,
+}
+
+impl Header {
+    /// Bytes of a binary record.
+    fn record_size(&self) -> u64 {
+        self.fields.iter().map(|f| (f.count * f.number.size()) as u64).sum()
+    }
+
+    /// Names of the columns, every number its own; repeated numbers have none.
+    fn columns(&self) -> Vec<&str> {
+        self.fields
+            .iter()
+            .flat_map(|f| {
+                let name = match (f.count, f.name.as_str()) {
+                    (1, "normal_x") => "nx",
+                    (1, "normal_y") => "ny",
+                    (1, "normal_z") => "nz",
+                    (1, name) => name,
+                    _ => "",
+                };
+                std::iter::repeat_n(name, f.count)
+            })
+            .collect()
+    }
+
+    /// The types of the columns.
+    fn types(&self) -> Vec<NumberType> {
+        self.fields
+            .iter()
+            .flat_map(|f| std::iter::repeat_n(f.number, f.count))
+            .collect()
+    }
+}
+
+/// Reads points. Records with a coordinate that is not finite are dropped and counted; in an organised cloud they are empty cells.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// when it is malformed, cut off, or states a σ or covariance that is not positive: with the file and the line or byte.
+pub fn read_pcd(path: &Path) -> Result<Scan> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|mut source| scan_from(&mut source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Most numbers that a record may have: no scanner writes a thousandth of it.
+const MOST_COLUMNS: usize = 1 << 16;
+
+fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
+    let (mut names, mut sizes, mut kinds, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
+    let encoding = loop {
+        let number = source.line_number() + 1;
+        let Some(line) = source.line()? else {
+            return Err(Error::input(format!(
+                "line {number}: the file ends before `DATA`: it is cut off or is no PCD file"
+            )));
+        };
+        let text = String::from_utf8_lossy(line);
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        let wrong = |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        let count = |word: &str| word.parse::<u64>().map_err(|_| wrong("a count that is not negative"));
+        let owned = |words: &[&str]| words.iter().map(|&w| w.to_owned()).collect::<Vec<String>>();
+        match words[..] {
+            [] | ["VERSION", ..] => {}
+            [first, ..] if first.starts_with('#') => {}
+            ["FIELDS" | "COLUMNS", ref rest @ ..] => names = owned(rest),
+            ["SIZE", ref rest @ ..] => sizes = owned(rest),
+            ["TYPE", ref rest @ ..] => kinds = owned(rest),
+            ["COUNT", ref rest @ ..] => counts = owned(rest),
+            ["WIDTH", n] => width = Some(count(n)?),
+            ["HEIGHT", n] => height = Some(count(n)?),
+            ["POINTS", n] => points = Some(count(n)?),
+            ["VIEWPOINT", ref rest @ ..] => {
+                let numbers: Option<Vec<f64>> = rest.iter().map(|w| parse_number(w.as_bytes())).collect();
+                match numbers.as_deref() {
+                    Some(&[x, y, z, _, _, _, _]) if [x, y, z].iter().all(|c| c.is_finite()) => {
+                        viewpoint = Some([x, y, z]);
+                    }
+                    _ => return Err(wrong("seven numbers: tx ty tz qw qx qy qz")),
+                }
+            }
+            ["DATA", "ascii"] => break Encoding::Ascii,
+            ["DATA", "binary"] => break Encoding::Binary,
+            ["DATA", "binary_compressed"] => break Encoding::Compressed,
+            ["DATA", ..] => return Err(wrong("`ascii`, `binary` or `binary_compressed`")),
+            _ => {
+                return Err(wrong(
+                    "`VERSION`, `FIELDS`, `SIZE`, `TYPE`, `COUNT`, `WIDTH`, `HEIGHT`, `VIEWPOINT`, `POINTS` or `DATA`",
+                ));
+            }
+        }
+    };
+    if counts.is_empty() {
+        counts = vec!["1".to_owned(); names.len()];
+    }
+    for (key, found) in [("SIZE", sizes.len()), ("TYPE", kinds.len()), ("COUNT", counts.len())] {
+        if found != names.len() {
+            return Err(Error::input(format!(
+                "the header names {} fields, but `{key}` has {found} entries",
+                names.len()
+            )));
+        }
+    }
+    let fields = names
+        .into_iter()
+        .zip(sizes.iter().zip(&kinds))
+        .zip(&counts)
+        .map(|((name, (size, kind)), count)| {
+            let number = NumberType::of_kind(kind, size).ok_or_else(|| {
+                Error::input(format!(
+                    "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
+                ))
+            })?;
+            let count = count
+                .parse()
+                .ok()
+                .filter(|&n: &usize| n <= MOST_COLUMNS)
+                .ok_or_else(|| {
+                    Error::input(format!(
+                        "the field `{name}`: needed a count, found {}",
+                        shown(count.as_bytes())
+                    ))
+                })?;
+            Ok(Field { name, number, count })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
+        return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
+    }
+    let area = width
+        .zip(height.or(Some(1)))
+        .and_then(|(w, h): (u64, u64)| w.checked_mul(h));
+    let points = match (points, area) {
+        (Some(points), Some(area)) if points != area => {
+            return Err(Error::input(format!(
+                "the header promises {points} points, but WIDTH times HEIGHT is {area}"
+            )));
+        }
+        (Some(points), _) | (None, Some(points)) => points,
+        (None, None) => return Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
+    };
+    Ok(Header {
+        fields,
+        width: width.unwrap_or(points),
+        height: height.unwrap_or(1),
+        points,
+        viewpoint,
+        encoding,
+    })
+}
+
+fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
+    let header = read_header(source)?;
+    let columns = PointColumns::find(&header.columns()).map_err(|e| e.in_context("`FIELDS`"))?;
+    // Bytes that a point takes at least, as a fraction.
+    let (bytes, of_points) = match header.encoding {
+        // A digit and a blank for each number.
+        Encoding::Ascii => (2 * header.columns().len() as u64, 1),
+        Encoding::Binary => (header.record_size(), 1),
+        Encoding::Compressed => (header.record_size(), MOST_EXPANSION),
+    };
+    let needed = header.points.saturating_mul(bytes) / of_points;
+    // The last line of a text may lack its end.
+    let needed = needed.saturating_sub(u64::from(header.encoding == Encoding::Ascii));
+    if let Some(left) = source.remaining().filter(|&left| left < needed) {
+        return Err(Error::input(format!(
+            "the header promises {} points, which take at least {needed} bytes, but only {left} bytes follow: \
+             the file is cut off or its header is wrong",
+            header.points
+        )));
+    }
+    let mut collector = PointCollector::new(columns, source.reserve(header.points, bytes / of_points));
+    match header.encoding {
+        Encoding::Ascii => read_text(source, &header, &mut collector)?,
+        Encoding::Binary => read_binary(source, &header, &mut collector)?,
+        Encoding::Compressed => read_compressed(source, &header, &mut collector)?,
+    }
+    let (mut scan, dropped) = collector.finish(name);
+    if header.height > 1 {
+        scan.grid = Some(grid(&header, &dropped)?);
+    }
+    scan.viewing = match header.viewpoint {
+        Some(origin) if header.height > 1 || origin != [0.0; 3] => Viewing::Origin(origin),
+        _ => Viewing::Unknown,
+    };
+    Ok(scan)
+}
+
+/// The sampling grid: cells in order, those of dropped records empty.
+fn grid(header: &Header, dropped: &[u64]) -> Result<RangeGrid> {
+    let side = |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
+    let mut dropped = dropped.iter().copied().peekable();
+    let mut next = 0;
+    let cells = (0..header.points)
+        .map(|record| {
+            if dropped.next_if_eq(&record).is_some() {
+                return RangeGrid::EMPTY;
+            }
+            next += 1;
+            next - 1
+        })
+        .collect();
+    Ok(RangeGrid {
+        columns: side(header.width)?,
+        rows: side(header.height)?,
+        cells,
+    })
+}
+
+fn cut_off(place: impl std::fmt::Display, header: &Header, found: u64) -> Error {
+    Error::input(format!(
+        "{place}: the file ends here: it is cut off ({} points promised, {found} found)",
+        header.points
+    ))
+}
+
+fn read_text<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut PointCollector) -> Result<()> {
+    let width = header.columns().len();
+    let mut record = vec![0.0; width];
+    for point in 0..header.points {
+        let (number, mut line) = loop {
+            let number = source.line_number() + 1;
+            match source.line()? {
+                None => return Err(cut_off(format_args!("line {number}"), header, point)),
+                Some(line) if line.iter().all(u8::is_ascii_whitespace) => {}
+                Some(line) => break (number, line),
+            }
+        };
+        for (found, value) in record.iter_mut().enumerate() {
+            let word = next_word(&mut line)
+                .ok_or_else(|| Error::input(format!("line {number}: needed {width} numbers, found {found}")))?;
+            *value = parse_number(word)
+                .ok_or_else(|| Error::input(format!("line {number}: needed a number, found {}", shown(word))))?;
+        }
+        if let Some(word) = next_word(&mut line) {
+            return Err(Error::input(format!(
+                "line {number}: needed the end of the line, found {} more",
+                shown(word)
+            )));
+        }
+        collector.push(&record, format_args!("line {number}"))?;
+    }
+    Ok(())
+}
+
+fn read_binary<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut PointCollector) -> Result<()> {
+    let types = header.types();
+    let size = types.iter().map(|t| t.size()).sum();
+    let mut record = vec![0.0; types.len()];
+    for point in 0..header.points {
+        let byte = source.offset();
+        let Some(mut bytes) = source.bytes(size)? else {
+            return Err(cut_off(format_args!("byte {byte}"), header, point));
+        };
+        for (value, number) in record.iter_mut().zip(&types) {
+            let (head, rest) = bytes.split_at(number.size());
+            *value = number.decode::<false>(head);
+            bytes = rest;
+        }
+        collector.push(&record, format_args!("byte {byte} (point {point})"))?;
+    }
+    Ok(())
+}
+
+/// A body compressed as one piece, field by field.
+fn read_compressed<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut PointCollector) -> Result<()> {
+    let byte = source.offset();
+    let Some(sizes) = source.bytes(8)? else {
+        return Err(cut_off(format_args!("byte {byte}"), header, 0));
+    };
+    let word = |k: usize| NumberType::U32.decode::<false>(&sizes[4 * k..4 * k + 4]) as u64;
+    let (packed, unpacked) = (word(0), word(1));
+    let needed = header.points.saturating_mul(header.record_size());
+    if unpacked != needed {
+        return Err(Error::input(format!(
+            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body says {unpacked}",
+            header.points,
+            header.record_size()
+        )));
+    }
+    if unpacked > packed.saturating_mul(MOST_EXPANSION) {
+        return Err(Error::input(format!(
+            "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
+        )));
+    }
+    let size = usize::try_from(packed).map_err(|_| Error::unsupported("a file larger than the memory's addresses"))?;
+    let Some(bytes) = source.bytes(size)? else {
+        return Err(cut_off(format_args!("byte {byte}"), header, 0));
+    };
+    let body = unpack(bytes, usize::try_from(unpacked).unwrap_or(0)).ok_or_else(|| {
+        Error::input(format!(
+            "byte {byte}: the compressed body is damaged: it does not hold {unpacked} bytes"
+        ))
+    })?;
+    // All numbers of the first field, then all of the second; the numbers of one field of one point lie together.
+    let points = usize::try_from(header.points).unwrap_or(0);
+    let mut columns = Vec::new();
+    let mut start = 0;
+    for field in &header.fields {
+        let stride = field.count * field.number.size();
+        columns.extend((0..field.count).map(|k| (field.number, start + k * field.number.size(), stride)));
+        start += points * stride;
+    }
+    let mut record = vec![0.0; columns.len()];
+    for point in 0..points {
+        for (value, &(number, first, stride)) in record.iter_mut().zip(&columns) {
+            let at = first + point * stride;
+            *value = number.decode::<false>(&body[at..at + number.size()]);
+        }
+        collector.push(&record, format_args!("point {point}"))?;
+    }
+    Ok(())
+}
+
+/// Three bytes of LZF stand for 264 at most.
+const MOST_EXPANSION: u64 = 88;
+
+/// Undoes LZF: runs of bytes as they are (`000lllll` and `l + 1` bytes) and copies of earlier ones (`llloooooo oooooooo`: `l + 2` bytes from
+/// `o + 1` back; with `l` of seven, a byte more of length before the offset's second). `None` where the bytes are not such, or not so many.
+fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(length);
+    let mut rest = packed;
+    while let Some((&control, after)) = rest.split_first() {
+        let control = usize::from(control);
+        if control < 32 {
+            let (run, after) = after.split_at_checked(control + 1)?;
+            out.extend_from_slice(run);
+            rest = after;
+        } else {
+            let (longer, after) = match control >> 5 {
+                7 => (usize::from(*after.first()?), &after[1..]),
+                _ => (0, after),
+            };
+            let (&low, after) = after.split_first()?;
+            let copied = (control >> 5) + longer + 2;
+            let from = out.len().checked_sub(((control & 31) << 8) + usize::from(low) + 1)?;
+            // What is copied may be what was copied just now.
+            for k in from..from + copied {
+                out.push(out[k]);
+            }
+            rest = after;
+        }
+        if out.len() > length {
+            return None;
+        }
+    }
+    (out.len() == length).then_some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(bytes: &[u8]) -> Result<Scan> {
+        scan_from(&mut Source::new(bytes, Some(bytes.len() as u64)), "a.pcd")
+    }
+
+    fn message(bytes: &[u8]) -> String {
+        read(bytes).unwrap_err().to_string()
+    }
+
+    /// Two rows of two points, one of them not a number, with a normal and three numbers that nobody needs.
+    fn header(data: &str) -> String {
+        format!(
+            "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z extra\n\
+             SIZE 8 8 8 4 4 4 2\nTYPE F F F F F F U\nCOUNT 1 1 1 1 1 1 3\nWIDTH 2\nHEIGHT 2\nVIEWPOINT 0 0 5 1 0 0 0\n\
+             POINTS 4\nDATA {data}\n"
+        )
+    }
+
+    const POINTS: [[f64; 3]; 4] = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.5], [f64::NAN, 0.0, 0.0], [1.0, 1.0, 0.25]];
+
+    fn record(p: [f64; 3]) -> [Vec<u8>; 7] {
+        let [x, y, z] = p.map(|c| c.to_le_bytes().to_vec());
+        let [a, b, c] = [0.0_f32, 0.0, 1.0].map(|n| n.to_le_bytes().to_vec());
+        [x, y, z, a, b, c, vec![1, 0, 2, 0, 3, 0]]
+    }
+
+    fn binary() -> Vec<u8> {
+        let mut bytes = header("binary").into_bytes();
+        bytes.extend(POINTS.iter().flat_map(|&p| record(p).concat()));
+        bytes
+    }
+
+    fn text() -> Vec<u8> {
+        let lines: String = POINTS
+            .iter()
+            .map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 1 2 3\r\n"))
+            .collect();
+        (header("ascii") + &lines).into_bytes()
+    }
+
+    fn compressed() -> Vec<u8> {
+        let records = POINTS.map(record);
+        let body: Vec<u8> = (0..7)
+            .flat_map(|field| records.iter().flat_map(move |r| r[field].clone()))
+            .collect();
+        // Runs as they are, but for one copy: the second half of eight equal normals.
+        let mut packed = Vec::new();
+        for run in body.chunks(32) {
+            packed.push(run.len() as u8 - 1);
+            packed.extend_from_slice(run);
+        }
+        let mut bytes = header("binary_compressed").into_bytes();
+        bytes.extend((packed.len() as u32).to_le_bytes());
+        bytes.extend((body.len() as u32).to_le_bytes());
+        bytes.extend(packed);
+        bytes
+    }
+
+    #[test]
+    fn three_encodings_give_the_same_organised_scan() {
+        for bytes in [text(), binary(), compressed()] {
+            let scan = read(&bytes).unwrap();
+            assert_eq!(scan.points, [POINTS[0], POINTS[1], POINTS[3]]);
+            assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]; 3]);
+            assert_eq!(
+                (scan.dropped_not_finite, scan.viewing),
+                (1, Viewing::Origin([0.0, 0.0, 5.0]))
+            );
+            let grid = scan.grid.unwrap();
+            assert_eq!((grid.columns, grid.rows), (2, 2));
+            assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2]);
+        }
+    }
+
+    #[test]
+    fn copies_reach_back_into_themselves() {
+        // "ab", then eight bytes from two back; then 20 of the last one.
+        let packed = [1, b'a', b'b', (6 << 5), 1, (7 << 5), 11, 0];
+        assert_eq!(
+            unpack(&packed, 30).unwrap(),
+            b"ababababab".iter().chain(&[b'b'; 20]).copied().collect::<Vec<u8>>()
+        );
+        assert!(unpack(&packed, 29).is_none() && unpack(&packed, 31).is_none());
+        assert!(unpack(&[32, 0], 3).is_none(), "nothing to copy from");
+        assert!(unpack(&[3, 1, 2], 4).is_none(), "cut off");
+    }
+
+    #[test]
+    fn an_unorganised_cloud_without_a_viewpoint_has_none() {
+        let scan = read(b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n").unwrap();
+        assert_eq!(
+            (scan.points, scan.viewing, scan.grid),
+            (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None)
+        );
+    }
+
+    #[test]
+    fn mistakes_are_named_by_line_or_byte() {
+        let cut = binary();
+        assert!(message(&cut[..cut.len() - 1]).contains("promises 4 points"));
+        let text = String::from_utf8(text()).unwrap();
+        assert!(message(text.replace("POINTS 4", "POINTS 5").as_bytes()).contains("WIDTH times HEIGHT is 4"));
+        assert!(
+            message(
+                text.replace("POINTS 4", "POINTS 1000000000")
+                    .replace("WIDTH 2", "WIDTH 500000000")
+                    .as_bytes()
+            )
+            .contains("only")
+        );
+        assert!(
+            message(text.replace("0 0 1 1 2 3", "0 0 one 1 2 3").as_bytes())
+                .contains("line 12: needed a number, found `one`")
+        );
+        assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: needed a type"));
+        assert!(message(text.replace("COUNT 1 1", "COUNT 1").as_bytes()).contains("`COUNT` has 6 entries"));
+        assert!(message(text.replace("FIELDS x", "FIELDS w").as_bytes()).contains("found no x"));
+        assert!(message(b"hello\n").contains("line 1: needed `VERSION`"));
+        assert!(message(b"VERSION 0.7\n").contains("before `DATA`"));
+        let mut damaged = compressed();
+        let last = damaged.len() - 1;
+        damaged.truncate(last);
+        assert!(message(&damaged).contains("cut off"));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(at in 0_usize..400, value in any::<u8>(), which in 0..3) {
+            let mut bytes = [text(), binary(), compressed()][which as usize].clone();
+            let at = at % bytes.len();
+            bytes[at] = value;
+            let _ = read(&bytes);
+            let _ = read(&bytes[..at]);
+        }
+    }
+}
