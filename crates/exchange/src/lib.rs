@@ -11,7 +11,7 @@
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
 //! | [`model`] | `.planish` (safetensors) | saved models, in and out |
 //!
-//! [`read_inputs`] takes a list of any of the files that hold scans. Everything is written by [`write_atomically`]: a
+//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, PCD and text may be compressed by gzip. Everything is written by [`write_atomically`]: a
 //! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
 
 pub mod job;
@@ -32,4 +32,5 @@ mod unit;
 
 pub use atomic::{Writer, check_writable, make_folder, real_path, write_atomically};
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
+pub use source::extension;
 pub use unit::Unit;

@@ -17,6 +17,7 @@ use crate::job::read_job;
 use crate::las::read_las;
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
+use crate::source::extension;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 
@@ -115,13 +116,6 @@ impl Gathered {
             }
         }
     }
-}
-
-fn extension(path: &Path) -> String {
-    path.extension()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_ascii_lowercase()
 }
 
 fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {

@@ -4,9 +4,10 @@
 //! file's size: the buffer grows only to hold one line or record, and only up to [`LONGEST_LINE`] or what the file holds.
 
 use std::fs::{self, File};
-use std::io::{ErrorKind as IoKind, Read};
+use std::io::{self, ErrorKind as IoKind, Read};
 use std::path::Path;
 
+use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
 /// Size of the buffer to begin with.
@@ -44,10 +45,43 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     Ok((File::open(path).map_err(failed)?, length))
 }
 
-/// Opens a file as a source.
-pub(crate) fn open(path: &Path) -> Result<Source<File>> {
-    let (file, length) = open_file(path)?;
-    Ok(Source::new(file, length))
+/// What files compressed by gzip begin with.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// Opens a file as a source; what gzip has compressed is read as what it was, whatever its name.
+pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
+    let (mut file, length) = open_file(path)?;
+    let mut first = [0; 2];
+    let mut found = 0;
+    while found < first.len() {
+        match file.read(&mut first[found..]) {
+            Ok(0) => break,
+            Ok(n) => found += n,
+            Err(e) if e.kind() == IoKind::Interrupted => {}
+            Err(e) => return Err(Error::io("could not be read").with_source(e)),
+        }
+    }
+    // A pipe cannot be rewound: the first bytes are put before the rest.
+    let whole = io::Cursor::new(first).take(found as u64).chain(file);
+    Ok(match first == GZIP {
+        true => Source::new(Box::new(MultiGzDecoder::new(whole)), None),
+        false => Source::new(Box::new(whole), length),
+    })
+}
+
+/// The extension of a file's name in lower case; `.gz` at its end does not count.
+#[must_use]
+pub fn extension(path: &Path) -> String {
+    let lower = |path: &Path| {
+        path.extension()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_ascii_lowercase()
+    };
+    match lower(path).as_str() {
+        "gz" => lower(Path::new(path.file_stem().unwrap_or_default())),
+        other => other.to_owned(),
+    }
 }
 
 /// Reads a small text file whole (a list or a job, not a cloud).
@@ -123,6 +157,16 @@ impl<R: Read> Source<R> {
                 Err(e) if e.kind() == IoKind::Interrupted => {}
                 Err(e) => {
                     let at = self.offset + (self.end - self.start) as u64;
+                    // The decoder's own complaints; the disk's are of other kinds.
+                    if matches!(
+                        e.kind(),
+                        IoKind::InvalidInput | IoKind::InvalidData | IoKind::UnexpectedEof
+                    ) {
+                        return Err(Error::input(format!(
+                            "the compressed file is damaged or cut off: it cannot be unpacked from byte {at} on"
+                        ))
+                        .with_source(e));
+                    }
                     return Err(Error::io(format!("could not be read at byte {at}")).with_source(e));
                 }
             }
@@ -250,6 +294,43 @@ mod tests {
             (source.line_number(), source.offset(), source.remaining()),
             (3, 7, Some(0))
         );
+    }
+
+    #[test]
+    fn compressed_files_read_as_what_they_were_and_damaged_ones_say_so() {
+        use flate2::{Compression, write::GzEncoder};
+        use std::io::Write;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.xyz.gz");
+        let text: Vec<u8> = (0..20_000)
+            .flat_map(|i| format!("{i} {} 3\n", i * i).into_bytes())
+            .collect();
+        let mut packed = Vec::new();
+        // Two members, as of files joined by `cat`.
+        for half in text.chunks(text.len() / 2 + 1) {
+            let mut encoder = GzEncoder::new(&mut packed, Compression::fast());
+            encoder.write_all(half).unwrap();
+            encoder.finish().unwrap();
+        }
+        fs::write(&path, &packed).unwrap();
+        let mut source = open(&path).unwrap();
+        let mut lines = 0;
+        while source.line().unwrap().is_some() {
+            lines += 1;
+        }
+        assert_eq!((lines, extension(&path).as_str()), (20_000, "xyz"));
+        fs::write(&path, &packed[..packed.len() - 9]).unwrap();
+        let mut source = open(&path).unwrap();
+        let error = loop {
+            match source.line() {
+                Ok(line) => assert!(line.is_some(), "a file that is cut off has no good end"),
+                Err(e) => break e,
+            }
+        };
+        assert!(error.to_string().contains("damaged or cut off"), "{error}");
+        // Other files, short ones too, are as they are.
+        fs::write(&path, b"x").unwrap();
+        assert_eq!(open(&path).unwrap().line().unwrap(), Some(&b"x"[..]));
     }
 
     #[test]

@@ -132,7 +132,7 @@ impl Compared {
     /// # Errors
     /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ that is negative or not finite.
     pub fn read(path: &Path) -> Result<Self> {
-        match crate::output::extension(path).as_str() {
+        match planish_exchange::extension(path).as_str() {
             "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
             "ply" => {
                 let file = read_mesh(path)?;
@@ -183,7 +183,7 @@ impl Reference {
     /// # Errors
     /// As the readers; `Input` for a σ that is not positive.
     pub fn read(path: &Path) -> Result<Self> {
-        if crate::output::extension(path) != "ply" {
+        if planish_exchange::extension(path) != "ply" {
             return Ok(Self::from_scans(&read_inputs(&[path], None)?));
         }
         let file = read_mesh(path)?;

@@ -8,9 +8,9 @@
 use crate::fit::SigmaSummary;
 use crate::mesh_output::sigma_summary;
 use crate::model::{PoseReport, SensorReport};
-use crate::output::extension;
 use crate::saved::{SavedModel, Session, load_with_provenance};
 use planish_estimate::{Error, Result};
+use planish_exchange::extension;
 use planish_exchange::ply::{PlyContents, read_contents, read_mesh};
 use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};

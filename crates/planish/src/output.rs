@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
 
 /// A path's extension in lower case; empty where it has none.
-pub(crate) fn extension(path: &Path) -> String {
+fn extension(path: &Path) -> String {
     path.extension()
         .map(|e| e.to_string_lossy().to_lowercase())
         .unwrap_or_default()
