@@ -3,7 +3,7 @@
 //! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
 
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
-use planish_estimate::vector3::dot;
+use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_spline::{Surface, SurfaceSystem, leaf_weights};
@@ -102,6 +102,20 @@ pub struct LeafCovariance<'a> {
 }
 
 impl SurfaceModel {
+    /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
+    ///
+    /// # Errors
+    /// `Input` when a coordinate would not be finite.
+    pub(crate) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
+        let vertices = self.surface.vertices().iter().map(|p| add(*p, by)).collect();
+        self.surface = self.surface.with_vertices(vertices)?;
+        for information in [&mut self.prior, &mut self.data] {
+            let repeated: Vec<f64> = (0..information.vector().len()).map(|k| by[k % 3]).collect();
+            information.translate(&repeated)?;
+        }
+        Ok(self)
+    }
+
     /// Factors the information and inverts it where nodes share a leaf.
     ///
     /// # Errors

@@ -145,3 +145,45 @@ fn no_more_coefficients_than_allowed() {
     };
     assert!(fit(&set, &options, &Silent).is_err());
 }
+
+/// A map's coordinates: seven digits before the point must not cost the last ones behind it.
+#[test]
+fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
+    let far = [6.5e5, 4.25e6, -1024.0];
+    let moved = |points: &[[f64; 3]]| -> Vec<[f64; 3]> {
+        let moved = points.iter().map(|p| [0, 1, 2].map(|d| p[d] + far[d]));
+        moved.collect()
+    };
+    // Both clouds rounded alike, so that only the place differs.
+    let rounded = |points: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+        let digits = 2.0_f64.powi(-30);
+        points
+            .iter()
+            .map(|p| p.map(|c| (c / digits).round() * digits))
+            .collect()
+    };
+    let (first, second) = (rounded(sheet(4000, 5)), rounded(sheet(3000, 6)));
+    let near = run(&set_of(first.clone(), Some(SIGMA)));
+    let away = run(&set_of(moved(&first), Some(SIGMA)));
+    let add = |fit: &Fit, points| {
+        update(
+            &fit.model,
+            &set_of(points, Some(SIGMA)),
+            &FitOptions::default(),
+            &Silent,
+        )
+        .unwrap()
+    };
+    let near_both = add(&near, second.clone());
+    let away_both = add(&away, moved(&second));
+    for (near, away) in [(&near, &away), (&near_both, &away_both)] {
+        assert_eq!(near.report.observations, away.report.observations);
+        assert_eq!(near.report.coefficients, away.report.coefficients);
+        assert!((near.report.sigma.median / away.report.sigma.median - 1.0).abs() < 1e-6);
+        for (p, q) in near.model.surface.vertices().iter().zip(away.model.surface.vertices()) {
+            for d in 0..3 {
+                assert!((p[d] + far[d] - q[d]).abs() < 1e-6, "{p:?} {q:?}");
+            }
+        }
+    }
+}

@@ -378,6 +378,20 @@ impl BlockInformation {
         Ok(())
     }
 
+    /// The same information about `x + by`: `η ← η + Λ by`, `Λ` as it is; `by` is node-major, of the vector's own length.
+    ///
+    /// # Errors
+    /// `Input` when `by` has another length.
+    pub fn translate(&mut self, by: &[f64]) -> Result<()> {
+        expect_length("the translation", self.vector.len(), by.len())?;
+        let mut product = vec![0.0; by.len()];
+        self.multiply(by, &mut product)?;
+        for (eta, p) in self.vector.iter_mut().zip(&product) {
+            *eta += p;
+        }
+        Ok(())
+    }
+
     /// `Σ_c x_cᵀ Λ x_c` over the columns of `x` (`n·b × columns`, node-major).
     ///
     /// # Errors

@@ -124,6 +124,14 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// The same fit with every point moved.
+    fn translated(mut self, by: [f64; 3]) -> Result<Self> {
+        if by != [0.0; 3] {
+            self.model = self.model.translated(by)?;
+        }
+        Ok(self)
+    }
+
     /// The posterior covariance of the model, which the fit has made already.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
@@ -136,10 +144,11 @@ impl Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let observations = observe(set, options)?;
+    let mut observations = observe(set, options)?;
+    let origin = observations.recentre();
     progress.check("normals", 0.01)?;
     let settled = stages::settle(&observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, progress)
+    finish::finish(set, &observations, settled, options, None, progress)?.translated(origin)
 }
 
 /// The observations of a set of scans, some of them held out.
@@ -175,6 +184,14 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         )));
     }
     let mut observations = observe(set, options)?;
+    let origin = observations.recentre();
+    let moved;
+    let model = if origin == [0.0; 3] {
+        model
+    } else {
+        moved = model.clone().translated(origin.map(|c| -c))?;
+        &moved
+    };
     progress.check("normals", 0.1)?;
     let surface = &model.surface;
     let search = FootPointSearch::new(surface, 2, 0.0)?;
@@ -183,5 +200,5 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
     let settled = finish::place(model, &observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), progress)
+    finish::finish(set, &observations, settled, options, Some(model), progress)?.translated(origin)
 }

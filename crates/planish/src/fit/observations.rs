@@ -4,7 +4,7 @@
 //! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
 //! to judge it.
 
-use planish_estimate::vector3::dot;
+use planish_estimate::vector3::{dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
@@ -114,6 +114,9 @@ pub struct ObservationOptions {
 const NOISE_CLASSES: [u8; 2] = [7, 18];
 /// Classes that are bare earth: ground, and key points of it.
 const GROUND_CLASSES: [u8; 2] = [2, 8];
+
+/// Points farther from the origin than so many times their size are moved there for the fit.
+const FAR_FROM_ORIGIN: f64 = 8.0;
 
 /// Fewer points say nothing of a curved surface and its noise: a plane alone takes three, a quadric nine.
 const LEAST_POINTS: usize = 10;
@@ -327,6 +330,36 @@ impl Observations {
         keep(&mut self.index, gone);
         keep(&mut self.held_out, gone);
         keep(&mut self.oriented, gone);
+    }
+
+    /// Moves the origin near the points where they lie far from it, and says where it is now; exact to the last digit.
+    ///
+    /// Coordinates of a map have seven digits before the point: what is left of the sixteen after products of them is too little
+    /// for an energy that no translation changes.
+    pub fn recentre(&mut self) -> [f64; 3] {
+        let Some(bounds) = BoundingBox::of(&self.points) else {
+            return [0.0; 3];
+        };
+        let (center, size) = (bounds.center(), bounds.diagonal());
+        if norm(center) <= FAR_FROM_ORIGIN * size || size <= 0.0 {
+            return [0.0; 3];
+        }
+        // A multiple of a power of two of about the size: differences to it are exact.
+        let step = size.log2().ceil().exp2();
+        let origin = center.map(|c| (c / step).round() * step);
+        for p in &mut self.points {
+            *p = sub(*p, origin);
+        }
+        for noise in &mut self.noise {
+            if let ScanNoise::Model {
+                viewing: Viewing::Origin(from),
+                ..
+            } = noise
+            {
+                *from = sub(*from, origin);
+            }
+        }
+        origin
     }
 
     /// Finds [`Self::roughness`] and [`Self::least_variance`].
