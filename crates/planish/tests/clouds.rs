@@ -187,3 +187,21 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
         }
     }
 }
+
+/// Ground whose mesh faces down is dark in every viewer, and half of its readings would lie on the other side.
+#[test]
+fn a_sheet_of_points_without_sides_faces_up() {
+    let options = FitOptions {
+        shape: Some(Shape::Sheet),
+        ..FitOptions::default()
+    };
+    for turned in [false, true] {
+        let points = sheet(3000, 8)
+            .into_iter()
+            .map(|[x, y, z]| if turned { [x, -y, -z] } else { [x, y, z] });
+        let fit = fit(&set_of(points.collect(), Some(SIGMA)), &options, &Silent).unwrap();
+        let [u, v] = fit.model.surface.space().extent().map(|e| 0.5 * e);
+        assert!(fit.model.surface.normal(u, v).unwrap()[2] > 0.5);
+        assert!(!fit.report.rejected.contains_key("normal_mismatch"));
+    }
+}

@@ -163,8 +163,8 @@ fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
             held_out_share: options.held_out_share,
             seed: options.seed,
             checks: options.checks,
-            // A sheet over classified lidar is a map of the ground; other shapes are things that stand on it.
-            ground: options.shape == Some(Shape::Sheet),
+            // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
+            sheet: options.shape == Some(Shape::Sheet),
         },
     )
 }

@@ -11,6 +11,7 @@ use planish_sense::{
     Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry, variance_along,
 };
+use planish_spline::principal_axes;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
 
@@ -106,8 +107,8 @@ pub struct ObservationOptions {
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
-    /// Whether only the ground is wanted of points that are classified.
-    pub ground: bool,
+    /// Whether a sheet is wanted: of points that are classified the ground alone, and of every point whose side is not known the upper.
+    pub sheet: bool,
 }
 
 /// Classes of the ASPRS that are readings of nothing: low and high noise.
@@ -168,7 +169,7 @@ impl Observations {
             let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
             // Noise of independent readings does not repeat to the last digit; a grid has one reading a cell.
             let mut seen = HashSet::new();
-            let ground = options.ground && (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class));
+            let ground = options.sheet && (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class));
             for i in 0..scan.points.len() {
                 if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
                     && (NOISE_CLASSES.contains(&class) || ground && !GROUND_CLASSES.contains(&class))
@@ -247,6 +248,9 @@ impl Observations {
             }));
         }
         made.complete_normals(options.checks.neighbours)?;
+        if options.sheet {
+            made.turn_upwards();
+        }
         made.measure_roughness(scans, sensors.len(), options.checks.neighbours);
         Ok(made)
     }
@@ -313,6 +317,27 @@ impl Observations {
         Ok(())
     }
 
+    /// Turns normals whose side is not known to the upper side of the plane that is nearest to all points; upper is where the largest
+    /// coordinate of its normal is positive. Those that are steep against it are not known after all: where readings are few or lie in rows,
+    /// planes of neighbours stand up that no ground has.
+    fn turn_upwards(&mut self) {
+        /// Cosine of sixty degrees.
+        const STEEP: f64 = 0.5;
+        let (_, axes, _) = principal_axes(&self.points);
+        let flat = axes[2];
+        let largest = flat
+            .into_iter()
+            .fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
+        for i in (0..self.len()).filter(|&i| !self.oriented[i]) {
+            let up = dot(self.normal(i), flat) * largest.signum();
+            if up < -STEEP {
+                self.normals[i] = self.normals[i].map(|c| -c);
+            } else if up < STEEP {
+                self.normals[i] = [0.0; 3];
+            }
+        }
+    }
+
     /// Leaves out the points that are marked.
     fn leave_out(&mut self, gone: &[bool], cause: Rejection) {
         let count = gone.iter().filter(|&&g| g).count();
@@ -371,7 +396,10 @@ impl Observations {
                 let largest = (0..scans.len())
                     .filter(|&s| self.sensor_of_scan[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
-                let own: Vec<usize> = (0..self.len()).filter(|&i| self.scan[i] as usize == largest).collect();
+                let known = |i: usize| self.normals[i] != [0.0; 3];
+                let own: Vec<usize> = (0..self.len())
+                    .filter(|&i| self.scan[i] as usize == largest && known(i))
+                    .collect();
                 let points: Vec<[f64; 3]> = own.iter().map(|&i| self.points[i]).collect();
                 let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
