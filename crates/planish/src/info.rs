@@ -255,12 +255,13 @@ fn scans(path: &Path, ply: Option<&PlyContents>, unit: Option<Unit>) -> Result<F
 }
 
 fn scan_info(scan: &Scan) -> ScanInfo {
-    let known: [(bool, &[&str]); 5] = [
+    let known: [(bool, &[&str]); 6] = [
         (true, &["x", "y", "z"]),
         (scan.sigma.is_some(), &["sigma"]),
         (scan.covariance.is_some(), &["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
         (scan.normals.is_some(), &["nx", "ny", "nz"]),
         (scan.sigma_normal_deg.is_some(), &["sigma_n_deg"]),
+        (scan.classes.is_some(), &["class"]),
     ];
     let columns = known.iter().filter(|(known, _)| *known).flat_map(|(_, names)| *names);
     let filled = |grid: &RangeGrid| grid.cells.iter().filter(|&&cell| cell != RangeGrid::EMPTY).count();
