@@ -166,11 +166,8 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
 }
 
 fn ending(fit: &FitReport) -> &'static str {
-    // Classes that are not wanted say nothing of the fit.
-    let causes = fit.rejected.iter().filter(|(cause, _)| *cause != "class");
-    let set_aside: usize = causes.map(|(_, n)| n).sum();
     match fit.termination {
-        FitTermination::Converged if set_aside * 20 > fit.observations => "converged, but see what was set aside",
+        FitTermination::Converged if fit.set_aside() * 20 > fit.observations => "converged, but see what was set aside",
         FitTermination::Converged => "converged: only noise is left",
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",

@@ -206,13 +206,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     let needed = header.points.saturating_mul(bytes) / of_points;
     // The last line of a text may lack its end.
     let needed = needed.saturating_sub(u64::from(header.encoding == Encoding::Ascii));
-    if let Some(left) = source.remaining().filter(|&left| left < needed) {
-        return Err(Error::input(format!(
-            "the header promises {} points, which take at least {needed} bytes, but only {left} bytes follow: \
-             the file is cut off or its header is wrong",
-            header.points
-        )));
-    }
+    source.check_promise(header.points, "points", needed)?;
     let mut collector = PointCollector::new(columns, source.reserve(header.points, bytes / of_points));
     match header.encoding {
         Encoding::Ascii => read_text(source, &header, &mut collector)?,

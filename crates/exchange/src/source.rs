@@ -3,6 +3,7 @@
 //! Comes in: any reader. Goes out: lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the
 //! file's size: the buffer grows only to hold one line or record, and only up to [`LONGEST_LINE`] or what the file holds.
 
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind as IoKind, Read};
 use std::path::Path;
@@ -129,6 +130,17 @@ impl<R: Read> Source<R> {
     /// How many bytes are left, where the file's length is known.
     pub(crate) fn remaining(&self) -> Option<u64> {
         self.length.map(|length| length.saturating_sub(self.offset))
+    }
+
+    /// Refuses a promise of records, `count` and what they are, that take more bytes than are left.
+    pub(crate) fn check_promise(&self, count: u64, what: impl Display, needed: u64) -> Result<()> {
+        match self.remaining() {
+            Some(left) if left < needed => Err(Error::input(format!(
+                "the header promises {count} {what}, which take at least {needed} bytes, but only {left} bytes follow: \
+                 the file is cut off or its header is wrong"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// A safe number of entries to reserve for a promised count of records of at least `least` bytes each.

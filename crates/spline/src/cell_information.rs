@@ -18,6 +18,15 @@ fn filled(k: usize) -> usize {
     4 * (k / 4 + 1)
 }
 
+/// Adds `w · row` to row `k` of a symmetric matrix whose lower triangle is filled in whole fours; no row is longer than `row`.
+#[inline(always)]
+pub(crate) fn add_to_triangle(line: &mut [f64], k: usize, w: f64, row: &[f64]) {
+    let filled = filled(k).min(row.len());
+    for (entry, r) in line[..filled].iter_mut().zip(&row[..filled]) {
+        *entry += w * r;
+    }
+}
+
 /// Accumulated information `Λ`, `η` of one leaf's sixteen control points.
 #[derive(Debug, Clone)]
 pub struct CellInformation {
@@ -87,11 +96,7 @@ impl CellInformation {
     fn add_block(&mut self, c: &[f64; 16], block: &[f64; 6]) {
         for (triangle, x) in self.matrix.iter_mut().zip(block) {
             for k in 0..16 {
-                let w = x * c[k];
-                let filled = filled(k);
-                for (entry, cl) in triangle[k][..filled].iter_mut().zip(&c[..filled]) {
-                    *entry += w * cl;
-                }
+                add_to_triangle(&mut triangle[k], k, x * c[k], c);
             }
         }
     }

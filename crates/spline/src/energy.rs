@@ -12,6 +12,7 @@
 //! Duchon, *Splines minimizing rotation-invariant semi-norms in Sobolev spaces*, 1977; do Carmo, *Riemannian Geometry*, 1992, ch. 2.
 
 use crate::basis::cubic;
+use crate::cell_information::add_to_triangle;
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Jet, Surface};
 use planish_estimate::vector3::dot;
@@ -113,13 +114,8 @@ impl Surface {
             let weight = basis.point.weight * side * side * area;
             total_area += weight;
             for row in &rows {
-                // The lower triangle, in whole fours.
                 for k in 0..16 {
-                    let w = weight * row[k];
-                    let fours = 4 * (k / 4 + 1);
-                    for (entry, r) in thin_plate[k][..fours].iter_mut().zip(&row[..fours]) {
-                        *entry += w * r;
-                    }
+                    add_to_triangle(&mut thin_plate[k], k, weight * row[k], row);
                 }
             }
         }

@@ -3,7 +3,7 @@
 //! Comes in: a [`Hierarchy`]. Goes out: places to accumulate information leaf by leaf, the smoothness prior as information,
 //! and factors. Three unknowns a node: the coordinates of its vertex. Made once for a hierarchy and used for every iteration.
 
-use crate::cell_information::{CellInformation, scalar_element};
+use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
@@ -352,10 +352,7 @@ fn add_outer(matrix: &mut [f64], vector: &mut [f64], row: &[f64], value: f64, w:
     for (a, (line, v)) in matrix.chunks_exact_mut(n).zip(vector).enumerate() {
         let wa = w * row[a];
         *v += wa * value;
-        // Whole fours: what lands above the diagonal is overwritten when the triangle is mirrored.
-        let fours = n.min(4 * (a / 4 + 1));
-        for (m, r) in line[..fours].iter_mut().zip(&row[..fours]) {
-            *m += wa * r;
-        }
+        // What lands above the diagonal is overwritten when the triangle is mirrored.
+        add_to_triangle(line, a, wa, row);
     }
 }

@@ -71,13 +71,7 @@ pub(crate) fn check_count<R: Read>(source: &Source<R>, element: &Element, encodi
         .count
         .saturating_mul(least)
         .saturating_sub(u64::from(encoding == Encoding::Ascii));
-    if let Some(left) = source.remaining().filter(|&left| left < needed) {
-        return Err(Error::input(format!(
-            "the header promises {} records of `{}`, which take at least {needed} bytes, but only {left} bytes follow: \
-             the file is cut off or its header is wrong",
-            element.count, element.name
-        )));
-    }
+    source.check_promise(element.count, format_args!("records of `{}`", element.name), needed)?;
     Ok(source.reserve(element.count, least))
 }
 

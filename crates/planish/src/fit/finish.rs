@@ -7,7 +7,7 @@ use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_st
 use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
-use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
+use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
 use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
@@ -370,10 +370,8 @@ fn warnings(
              normals are wrong; σ says nothing of that"
         ));
     }
-    // Classes that are not wanted were left out on purpose.
-    let unwanted = rejected.get(Rejection::Class.name()).copied().unwrap_or(0);
-    let total = total - unwanted;
-    let gated = rejected.values().sum::<usize>() - unwanted;
+    let gated = set_aside(rejected);
+    let total = total - (rejected.values().sum::<usize>() - gated);
     if gated * 10 > total {
         warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));
     }

@@ -114,6 +114,19 @@ pub struct FitReport {
     pub warnings: Vec<String>,
 }
 
+impl FitReport {
+    /// Readings that were set aside although they might have been of the surface: all but those of classes that are not wanted.
+    #[must_use]
+    pub fn set_aside(&self) -> usize {
+        set_aside(&self.rejected)
+    }
+}
+
+fn set_aside(rejected: &BTreeMap<String, usize>) -> usize {
+    let unwanted = rejected.get(Rejection::Class.name()).copied().unwrap_or(0);
+    rejected.values().sum::<usize>() - unwanted
+}
+
 /// A fitted model with its figures.
 pub struct Fit {
     /// The model.
