@@ -230,6 +230,39 @@ impl SurfaceSystem {
         self.assemble_forms(|leaf| leaves[leaf].thin_plate)
     }
 
+    /// The information of one unknown a node with three right-hand sides, from that about the sixteen coefficients of every leaf that
+    /// has any: made in parallel, added in order.
+    pub(crate) fn assemble_scalar(
+        &self,
+        form: impl Fn(usize) -> Option<([[f64; 16]; 16], [[f64; 3]; 16])> + Sync,
+    ) -> Result<BlockInformation> {
+        let elements: Vec<Option<(Vec<f64>, Vec<f64>)>> = (0..self.scatters.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|leaf| {
+                form(leaf).map(|(matrix, vector)| {
+                    let (nodes, weights) = self.space.extraction(leaf);
+                    let mut of_nodes = vec![0.0; 3 * nodes.len()];
+                    for (to, weights) in of_nodes.chunks_exact_mut(3).zip(weights) {
+                        for (w, from) in weights.iter().zip(&vector) {
+                            for d in 0..3 {
+                                to[d] += w * from[d];
+                            }
+                        }
+                    }
+                    (scalar_element(&self.space, leaf, &matrix), of_nodes)
+                })
+            })
+            .collect();
+        let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
+        for (scatter, element) in self.scatters.iter().zip(&elements) {
+            if let Some((matrix, vector)) = element {
+                information.add_scattered(scatter, matrix, vector)?;
+            }
+        }
+        Ok(information)
+    }
+
     /// The matrix of one coordinate from a symmetric form on the sixteen coefficients of every leaf: made in parallel, added in order.
     fn assemble_forms(&self, form: impl Fn(usize) -> [[f64; 16]; 16] + Sync) -> Result<BlockInformation> {
         let elements: Vec<Vec<f64>> = (0..self.scatters.len())

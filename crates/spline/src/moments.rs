@@ -1,0 +1,533 @@
+//! Positions with known parameters, summed up cell by cell as moments.
+//!
+//! Comes in: a stream of `(u, v)`, positions and their information. Goes out: the information about the coefficients, or about the
+//! nodes of a hierarchy. What is kept does not grow with the number of positions.
+//!
+//! On one cell every product `b_k b_l` of two cubic weights is a polynomial of degree six in the local coordinate. The sixteen weights'
+//! 16 × 16 information is therefore a linear image of the 7 × 7 moments `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97
+//! sums instead of 184. With `s, t ∈ [−1, 1]` the image loses no more than rounding of the sums.
+//!
+//! Not guaranteed: the same last digit on machines with other instructions.
+
+use crate::hierarchy::Hierarchy;
+use crate::system::SurfaceSystem;
+use planish_estimate::sparse::BlockInformation;
+use planish_estimate::{Error, Result};
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Positions of one cell that are gathered before they are summed up.
+const RUN: usize = 64;
+/// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do not depend on threads.
+const PART: usize = 1 << 14;
+const PARTS: usize = 16;
+/// Cells that one task sums up: few enough for all threads to have work, many enough to be worth a task.
+const CELLS_AT_ONCE: usize = 64;
+
+/// The B-spline weights of a cell as polynomials in `s = 2 x − 1`: coefficient of `sⁱ` in weight `k`, times 48.
+const WEIGHTS_48: [[f64; 4]; 4] = [
+    [1.0, -3.0, 3.0, -1.0],
+    [23.0, -15.0, -3.0, 3.0],
+    [23.0, 15.0, -3.0, -3.0],
+    [1.0, 3.0, 3.0, 1.0],
+];
+
+/// Moments of the positions on one cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellMoments {
+    /// `Σ w sⁱ tʲ` at `[j][i]`, `i, j ≤ 6`; the last column stays zero.
+    gram: [[f64; 8]; 7],
+    /// `Σ w z sⁱ tʲ` at `[d][j][i]`, `i, j ≤ 3`, for the three coordinates of the positions.
+    values: [[[f64; 4]; 4]; 3],
+    /// `Σ w z²` of the three coordinates, and how many positions there are.
+    squares: [f64; 4],
+}
+
+/// A position on a cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Reading {
+    /// In `[−1, 1]²`.
+    local: [f64; 2],
+    /// Relative to the origin of the sums.
+    position: [f64; 3],
+    information: f64,
+}
+
+/// `a b + c`, rounded once where the machine does it in one.
+#[inline(always)]
+fn multiply_add<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
+    if FUSED { a.mul_add(b, c) } else { a * b + c }
+}
+
+impl Default for CellMoments {
+    fn default() -> Self {
+        Self {
+            gram: [[0.0; 8]; 7],
+            values: [[[0.0; 4]; 4]; 3],
+            squares: [0.0; 4],
+        }
+    }
+}
+
+impl CellMoments {
+    /// Adds the position `Σ_k b_k P_k = z` at cell-local coordinates in `[0, 1]²`, with information `w` about each coordinate.
+    pub fn add(&mut self, local: [f64; 2], position: [f64; 3], information: f64) {
+        let local = local.map(|x| 2.0 * x - 1.0);
+        self.add_run::<false>(&[Reading {
+            local,
+            position,
+            information,
+        }]);
+    }
+
+    /// Adds another cell's moments.
+    pub fn merge(&mut self, other: &Self) {
+        for (a, b) in self.gram.as_flattened_mut().iter_mut().zip(other.gram.as_flattened()) {
+            *a += b;
+        }
+        for (a, b) in (self.values.as_flattened_mut().as_flattened_mut().iter_mut())
+            .zip(other.values.as_flattened().as_flattened())
+        {
+            *a += b;
+        }
+        for (a, b) in self.squares.iter_mut().zip(&other.squares) {
+            *a += b;
+        }
+    }
+
+    /// Adds a run: the sums stay in registers, first those of the matrix, then those of the vector.
+    #[inline(always)]
+    fn add_run<const FUSED: bool>(&mut self, run: &[Reading]) {
+        let mut gram = self.gram;
+        for reading in run {
+            let ([s, t], w) = (reading.local, reading.information);
+            let s2 = s * s;
+            let low = [w, w * s, w * s2, w * (s2 * s)];
+            let s4 = s2 * s2;
+            let mut power = 1.0;
+            for row in &mut gram {
+                let across = power * s4;
+                for i in 0..4 {
+                    row[i] = multiply_add::<FUSED>(low[i], power, row[i]);
+                }
+                for i in 0..4 {
+                    row[4 + i] = multiply_add::<FUSED>(low[i], across, row[4 + i]);
+                }
+                power *= t;
+            }
+        }
+        self.gram = gram;
+        let (mut values, mut squares) = (self.values, self.squares);
+        for reading in run {
+            let ([s, t], w) = (reading.local, reading.information);
+            let s2 = s * s;
+            let low = [w, w * s, w * s2, w * (s2 * s)];
+            let [x, y, z] = reading.position;
+            let z = [x, y, z, 1.0];
+            let powers = [1.0, t, t * t, t * t * t];
+            for (d, sums) in values.iter_mut().enumerate() {
+                let weighted = low.map(|a| a * z[d]);
+                for (row, power) in sums.iter_mut().zip(powers) {
+                    for i in 0..4 {
+                        row[i] = multiply_add::<FUSED>(weighted[i], power, row[i]);
+                    }
+                }
+            }
+            let scale = [w, w, w, 1.0];
+            for d in 0..4 {
+                squares[d] = multiply_add::<FUSED>(scale[d] * z[d], z[d], squares[d]);
+            }
+        }
+        (self.values, self.squares) = (values, squares);
+    }
+
+    /// How many positions there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.squares[3] as usize
+    }
+
+    /// The information about the sixteen coefficients: the matrix of each coordinate, and the vectors of all three.
+    ///
+    /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: some 1,500 multiply-adds.
+    #[must_use]
+    pub fn information(&self) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
+        let products = weight_products();
+        let mut matrix = [[0.0; 16]; 16];
+        for k in 0..4 {
+            for l in 0..=k {
+                // Summed over powers of s first.
+                let mut along = [0.0; 7];
+                for (sum, row) in along.iter_mut().zip(&self.gram) {
+                    *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();
+                }
+                for r in 0..4 {
+                    for q in 0..=r {
+                        let sum: f64 = (0..7).map(|j| products[r][q][j] * along[j]).sum();
+                        for (r, q) in [(r, q), (q, r)] {
+                            matrix[4 * r + k][4 * q + l] = sum;
+                            matrix[4 * r + l][4 * q + k] = sum;
+                        }
+                    }
+                }
+            }
+        }
+        let mut vector = [[0.0; 3]; 16];
+        for d in 0..3 {
+            for k in 0..4 {
+                let mut along = [0.0; 4];
+                for (sum, row) in along.iter_mut().zip(&self.values[d]) {
+                    *sum = (0..4).map(|i| WEIGHTS_48[k][i] / 48.0 * row[i]).sum();
+                }
+                for r in 0..4 {
+                    vector[4 * r + k][d] = (0..4).map(|j| WEIGHTS_48[r][j] / 48.0 * along[j]).sum();
+                }
+            }
+        }
+        (matrix, vector)
+    }
+}
+
+/// Coefficients of the products of two weights, as polynomials of degree six.
+fn weight_products() -> [[[f64; 7]; 4]; 4] {
+    let mut products = [[[0.0; 7]; 4]; 4];
+    for k in 0..4 {
+        for l in 0..4 {
+            for i in 0..4 {
+                for j in 0..4 {
+                    products[k][l][i + j] += WEIGHTS_48[k][i] * WEIGHTS_48[l][j] / (48.0 * 48.0);
+                }
+            }
+        }
+    }
+    products
+}
+
+/// Sums of positions with known parameters over a hierarchy: a stream goes in, moments stay.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, PositionSums, Shape, SurfaceSystem};
+/// use std::sync::Arc;
+///
+/// let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
+/// let mut sums = PositionSums::new(&space);
+/// sums.add(&[[0.5, 0.5], [3.2, 1.0]], &[[0.5, 0.5, 1.0], [3.2, 1.0, 1.1]], None)?;
+/// assert_eq!(sums.count(), 2);
+/// let information = sums.information(&SurfaceSystem::new(&space)?)?;
+/// // Weights sum to one: so does what each reading adds.
+/// assert!((information.quadratic_form(&vec![1.0; information.dimension()])? - 2.0).abs() < 1e-12);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct PositionSums {
+    space: Arc<Hierarchy>,
+    cells: Vec<CellMoments>,
+    /// Positions are summed up relative to this, the first one: squares of far coordinates would drown what differs.
+    origin: Option<[f64; 3]>,
+    count: usize,
+    parts: Vec<Part>,
+}
+
+/// Readings sorted by leaf.
+#[derive(Debug, Clone, Default)]
+struct Part {
+    /// Leaf and local coordinates of each reading, in the order in which they came.
+    located: Vec<(u32, [f64; 2])>,
+    /// Where each leaf's readings start in `sorted`.
+    start: Vec<u32>,
+    sorted: Vec<Reading>,
+}
+
+/// Readings as they came.
+#[derive(Clone, Copy)]
+struct Batch<'a> {
+    parameters: &'a [[f64; 2]],
+    positions: &'a [[f64; 3]],
+    information: Option<&'a [f64]>,
+    /// The number of the first.
+    first: usize,
+}
+
+impl<'a> Batch<'a> {
+    /// Some of the readings.
+    fn slice(self, range: Range<usize>) -> Batch<'a> {
+        Batch {
+            parameters: &self.parameters[range.clone()],
+            positions: &self.positions[range.clone()],
+            information: self.information.map(|w| &w[range.clone()]),
+            first: self.first + range.start,
+        }
+    }
+}
+
+impl Part {
+    /// Checks the readings, finds their leaves and sorts by them.
+    fn sort(&mut self, space: &Hierarchy, batch: Batch<'_>, origin: [f64; 3]) -> Result<()> {
+        check_finite(batch)?;
+        let [nu, nv] = space.extent();
+        let (wraps_u, wraps_v) = (space.shape().periodic_u(), space.shape().periodic_v());
+        self.located.clear();
+        self.start.clear();
+        self.start.resize(space.leaves().len() + 1, 0);
+        for (k, &[u, v]) in batch.parameters.iter().enumerate() {
+            let inside_u = if wraps_u { u.is_finite() } else { (0.0..=nu).contains(&u) };
+            let inside_v = if wraps_v { v.is_finite() } else { (0.0..=nv).contains(&v) };
+            if !(inside_u && inside_v) {
+                return Err(Error::input(format!(
+                    "reading {}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})",
+                    batch.first + k
+                )));
+            }
+            let (leaf, local) = space.locate(u, v);
+            self.located.push((leaf as u32, local.map(|x| 2.0 * x - 1.0)));
+            self.start[leaf + 1] += 1;
+        }
+        let mut sum = 0;
+        for start in &mut self.start {
+            sum += *start;
+            *start = sum;
+        }
+        self.sorted.resize(batch.parameters.len(), Reading::default());
+        // Filling moves every start to the next leaf's; shifted by one they are what they were.
+        for (k, &(leaf, local)) in self.located.iter().enumerate() {
+            let place = &mut self.start[leaf as usize];
+            let z = batch.positions[k];
+            self.sorted[*place as usize] = Reading {
+                local,
+                position: [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]],
+                information: batch.information.map_or(1.0, |w| w[k]),
+            };
+            *place += 1;
+        }
+        self.start.rotate_right(1);
+        self.start[0] = 0;
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn of(&self, leaf: usize) -> &[Reading] {
+        &self.sorted[self.start[leaf] as usize..self.start[leaf + 1] as usize]
+    }
+}
+
+impl PositionSums {
+    /// Nothing yet. Memory: 850 bytes a leaf, and a buffer of 10 MB once something is added.
+    #[must_use]
+    pub fn new(space: &Arc<Hierarchy>) -> Self {
+        Self {
+            space: Arc::clone(space),
+            cells: vec![CellMoments::default(); space.leaves().len()],
+            origin: None,
+            count: 0,
+            parts: Vec::new(),
+        }
+    }
+
+    /// How many positions were added.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Adds positions at parameters `u ∈ [0, extent]`, each with information (1/variance) about every coordinate: 1 where none is given.
+    ///
+    /// Call it piece by piece: nothing is kept but the sums. In parallel on the current rayon pool; pieces of a multiple of 262,144
+    /// give the same bytes as one call, at any number of threads.
+    ///
+    /// # Errors
+    /// `Input`, with the number of the reading counted from the first that was ever added, when parameters lie outside the domain of an open
+    /// direction, an information is negative, anything is not finite, or the slices differ in length. Readings of whole batches before
+    /// it have been added then.
+    pub fn add(
+        &mut self,
+        parameters: &[[f64; 2]],
+        positions: &[[f64; 3]],
+        information: Option<&[f64]>,
+    ) -> Result<()> {
+        if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
+            return Err(Error::input(format!(
+                "{} parameters, {} positions and {} weights: needed as many of each",
+                parameters.len(),
+                positions.len(),
+                information.map_or(parameters.len(), <[f64]>::len)
+            )));
+        }
+        let Some(&first) = positions.first() else {
+            return Ok(());
+        };
+        if !first.iter().all(|x| x.is_finite()) {
+            return Err(not_finite(self.count, first));
+        }
+        let origin = *self.origin.get_or_insert(first);
+        let all = Batch {
+            parameters,
+            positions,
+            information,
+            first: self.count,
+        };
+        for start in (0..parameters.len()).step_by(PART * PARTS) {
+            self.add_batch(all.slice(start..parameters.len().min(start + PART * PARTS)), origin)?;
+        }
+        Ok(())
+    }
+
+    fn add_batch(&mut self, batch: Batch<'_>, origin: [f64; 3]) -> Result<()> {
+        let (space, size) = (&*self.space, batch.parameters.len());
+        let parts = size.div_ceil(PART);
+        if self.parts.len() < parts {
+            self.parts.resize_with(parts, Part::default);
+        }
+        let parts = &mut self.parts[..parts];
+        (parts.par_iter_mut().enumerate()).try_for_each(|(p, part)| {
+            part.sort(space, batch.slice(p * PART..size.min((p + 1) * PART)), origin)
+        })?;
+        let parts = &*parts;
+        let arch = pulp::Arch::new();
+        (self.cells.par_chunks_mut(CELLS_AT_ONCE).enumerate()).for_each(|(chunk, cells)| {
+            arch.dispatch(CellsOfBatch {
+                parts,
+                first_leaf: chunk * CELLS_AT_ONCE,
+                cells,
+            });
+        });
+        self.count += size;
+        Ok(())
+    }
+
+    /// Adds what another has summed up over the same hierarchy.
+    ///
+    /// # Errors
+    /// `Input` when the hierarchies differ in their leaves.
+    pub fn merge(&mut self, other: &Self) -> Result<()> {
+        if self.space.shape() != other.space.shape() || self.space.leaves() != other.space.leaves() {
+            return Err(Error::input("sums over different hierarchies cannot be added"));
+        }
+        let Some(from) = other.origin else {
+            return Ok(());
+        };
+        let to = *self.origin.get_or_insert(from);
+        for (own, other) in self.cells.iter_mut().zip(&other.cells) {
+            own.merge(&other.moved(std::array::from_fn(|d| from[d] - to[d])));
+        }
+        self.count += other.count;
+        Ok(())
+    }
+
+    /// Where positions are counted from in [`Self::information`]: the solution there lies relative to it.
+    #[must_use]
+    pub fn origin(&self) -> [f64; 3] {
+        self.origin.unwrap_or([0.0; 3])
+    }
+
+    /// `Σ w z²` of each coordinate, relative to the origin.
+    #[must_use]
+    pub fn squares(&self) -> [f64; 3] {
+        std::array::from_fn(|d| self.cells.iter().map(|cell| cell.squares[d]).sum())
+    }
+
+    /// Which leaves have readings.
+    #[must_use]
+    pub fn observed(&self) -> Vec<bool> {
+        self.cells.iter().map(|cell| cell.count() > 0).collect()
+    }
+
+    /// The information about the nodes: one matrix for each coordinate, three vectors, relative to the origin.
+    ///
+    /// # Errors
+    /// `Input` when the system is one of another hierarchy.
+    pub fn information(&self, system: &SurfaceSystem) -> Result<BlockInformation> {
+        if system.space().leaves() != self.space.leaves() {
+            return Err(Error::input("the system is one of another hierarchy"));
+        }
+        system.assemble_scalar(|leaf| {
+            let cell = &self.cells[leaf];
+            (cell.count() > 0).then(|| cell.information())
+        })
+    }
+}
+
+impl CellMoments {
+    /// The moments of the same positions moved by a vector.
+    fn moved(&self, by: [f64; 3]) -> Self {
+        let mut moved = *self;
+        for d in 0..3 {
+            moved.squares[d] += by[d] * (2.0 * self.values[d][0][0] + by[d] * self.gram[0][0]);
+            for j in 0..4 {
+                for i in 0..4 {
+                    moved.values[d][j][i] += by[d] * self.gram[j][i];
+                }
+            }
+        }
+        moved
+    }
+}
+
+fn not_finite(reading: usize, position: [f64; 3]) -> Error {
+    Error::input(format!("reading {reading}: needed finite coordinates, found {position:?}"))
+}
+
+fn check_finite(batch: Batch<'_>) -> Result<()> {
+    if let Some(k) = batch.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+        return Err(not_finite(batch.first + k, batch.positions[k]));
+    }
+    let unusable = |w: &f64| !(w.is_finite() && *w >= 0.0);
+    match batch.information.and_then(|all| Some((all.iter().position(unusable)?, all))) {
+        Some((k, all)) => Err(Error::input(format!(
+            "reading {}: needed an information (1/variance) that is finite and not negative, found {}",
+            batch.first + k,
+            all[k]
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Some cells and all that the parts of a batch have for them.
+struct CellsOfBatch<'a> {
+    parts: &'a [Part],
+    first_leaf: usize,
+    cells: &'a mut [CellMoments],
+}
+
+impl WithSimd for CellsOfBatch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        if S::IS_SCALAR {
+            self.add::<false>();
+        } else {
+            self.add::<true>();
+        }
+    }
+}
+
+impl CellsOfBatch<'_> {
+    /// Part after part, in runs that are worth the loading of the sums.
+    #[inline(always)]
+    fn add<const FUSED: bool>(self) {
+        let mut run = [Reading::default(); RUN];
+        for (offset, cell) in self.cells.iter_mut().enumerate() {
+            let mut len = 0;
+            for part in self.parts {
+                let mut own = part.of(self.first_leaf + offset);
+                while !own.is_empty() {
+                    let (now, later) = own.split_at(own.len().min(RUN - len));
+                    run[len..len + now.len()].copy_from_slice(now);
+                    len += now.len();
+                    own = later;
+                    if len == RUN {
+                        cell.add_run::<FUSED>(&run);
+                        len = 0;
+                    }
+                }
+            }
+            cell.add_run::<FUSED>(&run[..len]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,137 @@
+use super::*;
+use crate::hierarchy::Shape;
+use crate::surface::leaf_weights;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 3]>, Vec<f64>) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let at: Vec<[f64; 2]> = (0..n)
+        .map(|_| [random.random::<f64>() * extent[0], random.random::<f64>() * extent[1]])
+        .collect();
+    let z = at.iter().map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()]).collect();
+    let w = (0..n).map(|_| 0.5 + random.random::<f64>()).collect();
+    (at, z, w)
+}
+
+/// What the weights themselves say, reading by reading.
+fn by_weights(local: &[[f64; 2]], z: &[[f64; 3]], w: &[f64]) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
+    let (mut matrix, mut vector) = ([[0.0; 16]; 16], [[0.0; 3]; 16]);
+    for ((x, z), w) in local.iter().zip(z).zip(w) {
+        let b = leaf_weights(x[0], x[1]);
+        for k in 0..16 {
+            for l in 0..16 {
+                matrix[k][l] += w * b[k] * b[l];
+            }
+            for d in 0..3 {
+                vector[k][d] += w * b[k] * z[d];
+            }
+        }
+    }
+    (matrix, vector)
+}
+
+fn assert_same(found: &([[f64; 16]; 16], [[f64; 3]; 16]), wanted: &([[f64; 16]; 16], [[f64; 3]; 16]), scale: f64) {
+    for k in 0..16 {
+        for l in 0..16 {
+            assert!((found.0[k][l] - wanted.0[k][l]).abs() < 1e-14 * scale, "entry {k}, {l}");
+        }
+        for d in 0..3 {
+            assert!((found.1[k][d] - wanted.1[k][d]).abs() < 1e-14 * scale, "vector {k}, {d}");
+        }
+    }
+}
+
+/// Moments lose nothing: otherwise every fit of known parameters would be of other weights.
+#[test]
+fn moments_of_one_cell_are_the_information_of_its_weights() {
+    let (at, z, w) = readings(500, [1.0, 1.0], 1);
+    let mut cell = CellMoments::default();
+    for ((&x, &z), &w) in at.iter().zip(&z).zip(&w) {
+        cell.add(x, z, w);
+    }
+    assert_same(&cell.information(), &by_weights(&at, &z, &w), 500.0);
+}
+
+/// The fast path, with its sorting, instructions and threads, against the plain one.
+#[test]
+fn the_stream_gives_what_the_plain_path_gives_on_every_leaf() {
+    for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
+        let uniform = Hierarchy::uniform(shape, [6, 5]).unwrap();
+        let marked: Vec<usize> = [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)]
+            .map(|(u, v)| uniform.locate(u, v).0)
+            .to_vec();
+        let space = Arc::new(uniform.refine(&marked));
+        let (at, z, w) = readings(PART * PARTS + 3 * PART + 17, space.extent(), 2);
+        let mut sums = PositionSums::new(&space);
+        sums.add(&at, &z, Some(&w)).unwrap();
+        let mut plain = vec![CellMoments::default(); space.leaves().len()];
+        for ((&[u, v], z), &w) in at.iter().zip(&z).zip(&w) {
+            let (leaf, local) = space.locate(u, v);
+            plain[leaf].add(local, std::array::from_fn(|d| z[d] - sums.origin()[d]), w);
+        }
+        for (cell, plain) in sums.cells.iter().zip(&plain) {
+            assert_eq!(cell.count(), plain.count());
+            assert_same(&cell.information(), &plain.information(), plain.count() as f64);
+        }
+        let squares: f64 = plain.iter().map(|cell| cell.squares[2]).sum();
+        assert!((sums.squares()[2] - squares).abs() < 1e-12 * squares);
+    }
+}
+
+#[test]
+fn threads_and_pieces_do_not_change_a_bit_of_the_sums() {
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [20, 30]).unwrap());
+    let (at, z, _) = readings(2 * PART * PARTS + 5, space.extent(), 3);
+    let summed = |threads: usize, pieces: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut sums = PositionSums::new(&space);
+        pool.install(|| {
+            for (at, z) in at.chunks(pieces).zip(z.chunks(pieces)) {
+                sums.add(at, z, None).unwrap();
+            }
+        });
+        sums.cells
+    };
+    let alone = summed(1, usize::MAX);
+    assert!(alone == summed(3, usize::MAX) && alone == summed(2, PART * PARTS));
+}
+
+#[test]
+fn sums_of_two_sessions_add_whatever_their_origins() {
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
+    let system = SurfaceSystem::new(&space).unwrap();
+    let (at, z, w) = readings(1000, space.extent(), 4);
+    let mut all = PositionSums::new(&space);
+    all.add(&at, &z, Some(&w)).unwrap();
+    let mut merged = PositionSums::new(&space);
+    merged.add(&at[..400], &z[..400], Some(&w[..400])).unwrap();
+    let mut other = PositionSums::new(&space);
+    other.add(&at[400..], &z[400..], Some(&w[400..])).unwrap();
+    merged.merge(&other).unwrap();
+    assert_eq!(merged.count(), 1000);
+    let (a, b) = (all.information(&system).unwrap(), merged.information(&system).unwrap());
+    for (a, b) in a.values().iter().zip(b.values()).chain(a.vector().iter().zip(b.vector())) {
+        assert!((a - b).abs() < 1e-11);
+    }
+    for d in 0..3 {
+        assert!((all.squares()[d] - merged.squares()[d]).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn readings_that_cannot_be_used_are_named() {
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
+    let mut sums = PositionSums::new(&space);
+    sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
+    for (at, z, w, words) in [
+        ([4.1, 0.0], [0.0; 3], 1.0, "reading 1: needed parameters in [0, 4] × [0, 4], found (4.1, 0)"),
+        ([f64::NAN, 0.0], [0.0; 3], 1.0, "found (NaN, 0)"),
+        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 1: needed finite coordinates"),
+        ([0.0, 0.0], [0.0; 3], -1.0, "not negative, found -1"),
+    ] {
+        let message = sums.add(&[at], &[z], Some(&[w])).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    assert!(sums.add(&[[0.0; 2]], &[], None).unwrap_err().to_string().contains("1 parameters, 0 positions"));
+}
