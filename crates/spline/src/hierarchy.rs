@@ -97,6 +97,18 @@ pub const MAX_LEVEL: usize = 12;
 
 const NOT_A_LEAF: u32 = u32::MAX;
 
+/// A parameter inside `[0, n]`; almost all are, and a remainder takes long.
+#[inline]
+fn wrap_or_clamp(x: f64, n: f64, periodic: bool) -> f64 {
+    if (0.0..n).contains(&x) {
+        x
+    } else if periodic {
+        x.rem_euclid(n)
+    } else {
+        x.clamp(0.0, n)
+    }
+}
+
 /// The quadtree, its basis functions and their extraction on every leaf cell.
 #[derive(Debug, Clone)]
 pub struct Hierarchy {
@@ -311,6 +323,7 @@ impl Hierarchy {
     }
 
     /// The leaf that holds `(u, v)` and the local coordinates in it; periodic parameters wrap, others are clamped.
+    #[inline]
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
         let [u, v] = self.wrap(u, v);
@@ -331,6 +344,7 @@ impl Hierarchy {
     }
 
     /// The same parameters inside the domain: wrapped where periodic, clamped where open, carried across the pole on a ball.
+    #[inline]
     #[must_use]
     pub fn wrap(&self, mut u: f64, mut v: f64) -> [f64; 2] {
         let [nu, nv] = self.extent();
@@ -343,17 +357,10 @@ impl Hierarchy {
                 u += nu / 2.0;
             }
         }
-        u = if self.shape.periodic_u() {
-            u.rem_euclid(nu)
-        } else {
-            u.clamp(0.0, nu)
-        };
-        v = if self.shape.periodic_v() {
-            v.rem_euclid(nv)
-        } else {
-            v.clamp(0.0, nv)
-        };
-        [u, v]
+        [
+            wrap_or_clamp(u, nu, self.shape.periodic_u()),
+            wrap_or_clamp(v, nv, self.shape.periodic_v()),
+        ]
     }
 
     /// Parameters of a leaf-local point.

@@ -266,23 +266,25 @@ impl<'a> Batch<'a> {
 impl Part {
     /// Checks the readings, finds their leaves and sorts by them.
     fn sort(&mut self, space: &Hierarchy, batch: Batch<'_>, origin: [f64; 3]) -> Result<()> {
-        check_finite(batch)?;
         let [nu, nv] = space.extent();
-        let (wraps_u, wraps_v) = (space.shape().periodic_u(), space.shape().periodic_v());
+        // Where a direction is closed every finite parameter will do.
+        let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
+        let (inside_u, inside_v) = (
+            range(nu, space.shape().periodic_u()),
+            range(nv, space.shape().periodic_v()),
+        );
         self.located.clear();
         self.start.clear();
         self.start.resize(space.leaves().len() + 1, 0);
         for (k, &[u, v]) in batch.parameters.iter().enumerate() {
-            let inside_u = if wraps_u { u.is_finite() } else { (0.0..=nu).contains(&u) };
-            let inside_v = if wraps_v { v.is_finite() } else { (0.0..=nv).contains(&v) };
-            if !(inside_u && inside_v) {
+            if !(inside_u.contains(&u) && inside_v.contains(&v)) {
                 return Err(Error::input(format!(
                     "reading {}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})",
                     batch.first + k
                 )));
             }
             let (leaf, local) = space.locate(u, v);
-            self.located.push((leaf as u32, local.map(|x| 2.0 * x - 1.0)));
+            self.located.push((leaf as u32, local));
             self.start[leaf + 1] += 1;
         }
         let mut sum = 0;
@@ -292,13 +294,18 @@ impl Part {
         }
         self.sorted.resize(batch.parameters.len(), Reading::default());
         // Filling moves every start to the next leaf's; shifted by one they are what they were.
-        for (k, &(leaf, local)) in self.located.iter().enumerate() {
+        for (k, (&(leaf, [x, y]), z)) in self.located.iter().zip(batch.positions).enumerate() {
+            let information = batch.information.map_or(1.0, |w| w[k]);
+            let position = [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]];
+            let is_finite = (position[0] + position[1] + position[2]).is_finite();
+            if !(is_finite && (0.0..=f64::MAX).contains(&information)) {
+                return Err(unusable(batch.first + k, *z, information));
+            }
             let place = &mut self.start[leaf as usize];
-            let z = batch.positions[k];
             self.sorted[*place as usize] = Reading {
-                local,
-                position: [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]],
-                information: batch.information.map_or(1.0, |w| w[k]),
+                local: [2.0 * x - 1.0, 2.0 * y - 1.0],
+                position,
+                information,
             };
             *place += 1;
         }
@@ -359,7 +366,7 @@ impl PositionSums {
             return Ok(());
         };
         if !first.iter().all(|x| x.is_finite()) {
-            return Err(not_finite(self.count, first));
+            return Err(unusable(self.count, first, 0.0));
         }
         let origin = *self.origin.get_or_insert(first);
         let all = Batch {
@@ -465,22 +472,15 @@ impl CellMoments {
     }
 }
 
-fn not_finite(reading: usize, position: [f64; 3]) -> Error {
-    Error::input(format!("reading {reading}: needed finite coordinates, found {position:?}"))
-}
-
-fn check_finite(batch: Batch<'_>) -> Result<()> {
-    if let Some(k) = batch.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        return Err(not_finite(batch.first + k, batch.positions[k]));
-    }
-    let unusable = |w: &f64| !(w.is_finite() && *w >= 0.0);
-    match batch.information.and_then(|all| Some((all.iter().position(unusable)?, all))) {
-        Some((k, all)) => Err(Error::input(format!(
-            "reading {}: needed an information (1/variance) that is finite and not negative, found {}",
-            batch.first + k,
-            all[k]
-        ))),
-        None => Ok(()),
+/// What is wrong with a reading.
+#[cold]
+fn unusable(reading: usize, position: [f64; 3], information: f64) -> Error {
+    if (0.0..=f64::MAX).contains(&information) {
+        Error::input(format!("reading {reading}: needed finite coordinates, found {position:?}"))
+    } else {
+        Error::input(format!(
+            "reading {reading}: needed an information (1/variance) that is finite and not negative, found {information}"
+        ))
     }
 }
 
@@ -513,6 +513,10 @@ impl CellsOfBatch<'_> {
             let mut len = 0;
             for part in self.parts {
                 let mut own = part.of(self.first_leaf + offset);
+                if own.len() >= RUN {
+                    cell.add_run::<FUSED>(own);
+                    continue;
+                }
                 while !own.is_empty() {
                     let (now, later) = own.split_at(own.len().min(RUN - len));
                     run[len..len + now.len()].copy_from_slice(now);
