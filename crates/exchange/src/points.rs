@@ -25,6 +25,7 @@ pub(crate) struct PointColumns {
     uncertainty: Uncertainty,
     normal: Option<[usize; 3]>,
     sigma_normal: Option<usize>,
+    parameters: Option<[usize; 2]>,
 }
 
 /// The columns of a family: all, none, or an error that names what is missing.
@@ -52,6 +53,7 @@ impl PointColumns {
             uncertainty: Uncertainty::Unstated,
             normal: None,
             sigma_normal: None,
+            parameters: None,
         }
     }
 
@@ -92,6 +94,8 @@ impl PointColumns {
             uncertainty,
             normal: family(names, ["nx", "ny", "nz"])?,
             sigma_normal: names.iter().position(|n| *n == "sigma_n_deg"),
+            // Half of the pair may mean anything.
+            parameters: family(names, ["u", "v"]).unwrap_or(None),
         })
     }
 
@@ -106,7 +110,8 @@ impl PointColumns {
             .position
             .iter()
             .chain(uncertainty)
-            .chain(self.normal.iter().flatten());
+            .chain(self.normal.iter().flatten())
+            .chain(self.parameters.iter().flatten());
         1 + all.chain(&self.sigma_normal).max().copied().unwrap_or(0)
     }
 }
@@ -133,6 +138,7 @@ impl PointCollector {
             Uncertainty::Covariance(_) => scan.covariance = Some(Vec::with_capacity(reserve)),
         }
         scan.normals = columns.normal.map(|_| Vec::with_capacity(reserve));
+        scan.parameters = columns.parameters.map(|_| Vec::with_capacity(reserve));
         scan.sigma_normal_deg = columns.sigma_normal.map(|_| Vec::with_capacity(reserve));
         Self {
             columns,
@@ -194,6 +200,10 @@ impl PointCollector {
             let known = normal.iter().all(|c| c.is_finite());
             let normals = self.scan.normals.get_or_insert_default();
             normals.push(if known { normal } else { [0.0; 3] });
+        }
+        if let Some(columns) = self.columns.parameters {
+            let parameters = columns.map(|c| record[c]);
+            self.scan.parameters.get_or_insert_default().push(parameters);
         }
         if let Some(column) = self.columns.sigma_normal {
             let sigma = positive("sigma_n_deg", record[column])?;

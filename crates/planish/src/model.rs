@@ -77,27 +77,38 @@ pub struct SurfaceModel {
     pub smoothness_weight: f64,
     /// How many readings the data information holds.
     pub observations: usize,
+    /// Where the parameters of all readings were known: which coordinates were measured, the others being exact functions of the
+    /// parameters. All coordinates of a vertex have the same information then, and are independent. None where readings were projected.
+    pub measured_coordinates: Option<[bool; 3]>,
 }
 
 /// The posterior covariance of a model's shape, ready for questions.
 ///
 /// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of position determine. Motion along
-/// the surface only renames its points, so it is held; see `DESIGN.md`.
+/// the surface only renames its points, so it is held; see `DESIGN.md`. Where parameters were known every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
 }
 
-/// The covariance of a surface's vertices along their normals, where they share a leaf.
+/// The covariance of a surface's vertices where they share a leaf.
 pub struct NodeCovariance {
     inverse: SelectedInverse,
-    directions: Vec<[f64; 3]>,
+    motion: Motion,
 }
 
-/// The covariance of one leaf's nodes along their normals: for the many points of one leaf.
+/// How vertices may move.
+enum Motion {
+    /// One unknown a node, along these directions.
+    Along(Vec<[f64; 3]>),
+    /// The coordinates independently of each other, each with so many times the covariance.
+    Coordinates([f64; 3]),
+}
+
+/// The covariance of one leaf's nodes: for the many points of one leaf.
 pub struct LeafCovariance<'a> {
     weights: &'a [[f64; 16]],
-    directions: Vec<[f64; 3]>,
+    motion: Motion,
     covariance: Vec<f64>,
 }
 
@@ -127,22 +138,54 @@ impl SurfaceModel {
 
     /// What [`SurfaceModel::posterior`] is made of, by the equations of the surface's own hierarchy.
     pub(crate) fn covariance(&self, system: &SurfaceSystem) -> Result<NodeCovariance> {
+        if let Some(measured) = self.measured_coordinates {
+            // One coordinate's information is that of all that were measured.
+            let mut axis = [0.0; 3];
+            axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
+            let along = vec![axis; self.surface.space().node_count()];
+            let mut total = system.contract(&self.data, &along)?;
+            total.add_scaled(&system.contract(&self.prior, &along)?, 1.0)?;
+            let factor = system.factorize_scalar(&total)?;
+            return Ok(NodeCovariance::of_coordinates(
+                SelectedInverse::new(&factor),
+                measured,
+                1.0,
+            ));
+        }
         let directions = system.node_normals(&self.surface);
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
         let factor = system.factorize_scalar(&total)?;
         Ok(NodeCovariance {
             inverse: SelectedInverse::new(&factor),
-            directions,
+            motion: Motion::Along(directions),
         })
     }
 }
 
 impl NodeCovariance {
+    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate, nothing for the others.
+    pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
+        Self {
+            inverse,
+            motion: Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 })),
+        }
+    }
+
     /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
-        self.inverse
-            .trace_with(&system.contract(information, &self.directions)?)
+        let directions = |axis| vec![axis; system.space().node_count()];
+        match &self.motion {
+            Motion::Along(directions) => self.inverse.trace_with(&system.contract(information, directions)?),
+            Motion::Coordinates(scales) => (0..3)
+                .filter(|&d| scales[d] > 0.0)
+                .map(|d| {
+                    let mut axis = [0.0; 3];
+                    axis[d] = 1.0;
+                    Ok(scales[d] * self.inverse.trace_with(&system.contract(information, &directions(axis))?)?)
+                })
+                .sum(),
+        }
     }
 }
 
@@ -157,13 +200,16 @@ impl<'a> Posterior<'a> {
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let (nodes, weights) = self.surface.space().extraction(leaf);
-        let NodeCovariance { inverse, directions } = &*self.covariance;
+        let NodeCovariance { inverse, motion } = &*self.covariance;
         let covariance = inverse
             .dense(nodes)
             .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
         Ok(LeafCovariance {
             weights,
-            directions: nodes.iter().map(|&n| directions[n as usize]).collect(),
+            motion: match motion {
+                Motion::Along(directions) => Motion::Along(nodes.iter().map(|&n| directions[n as usize]).collect()),
+                Motion::Coordinates(scales) => Motion::Coordinates(*scales),
+            },
             covariance,
         })
     }
@@ -226,24 +272,31 @@ impl LeafCovariance<'_> {
     #[must_use]
     pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
         // By fours and by rows: a plain sum would wait for each of its additions.
-        let row: Vec<f64> = self
-            .weights
-            .iter()
-            .zip(&self.directions)
-            .map(|(w, d)| {
-                let mut sums = [0.0; 4];
-                for k in 0..16 {
-                    sums[k % 4] += w[k] * c[k];
-                }
-                dot(a, *d) * ((sums[0] + sums[1]) + (sums[2] + sums[3]))
-            })
-            .collect();
+        let at_point = |w: &[f64; 16]| {
+            let mut sums = [0.0; 4];
+            for k in 0..16 {
+                sums[k % 4] += w[k] * c[k];
+            }
+            (sums[0] + sums[1]) + (sums[2] + sums[3])
+        };
+        let (row, scale): (Vec<f64>, f64) = match &self.motion {
+            Motion::Along(directions) => (
+                (self.weights.iter().zip(directions))
+                    .map(|(w, d)| dot(a, *d) * at_point(w))
+                    .collect(),
+                1.0,
+            ),
+            Motion::Coordinates(scales) => (
+                self.weights.iter().map(at_point).collect(),
+                (0..3).map(|d| scales[d] * a[d] * a[d]).sum(),
+            ),
+        };
         let mut along = vec![0.0; row.len()];
         for (r, line) in row.iter().zip(self.covariance.chunks_exact(row.len())) {
             for (y, s) in along.iter_mut().zip(line) {
                 *y += r * s;
             }
         }
-        along.iter().zip(&row).map(|(y, r)| y * r).sum()
+        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
     }
 }

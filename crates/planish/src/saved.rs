@@ -17,7 +17,7 @@
 //! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`, `poses` (names and σ) and
-//! `provenance`: one entry for each session that went in.
+//! `provenance`: one entry for each session that went in; where parameters were known also `measured_coordinates`.
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
 
@@ -77,6 +77,8 @@ struct Metadata {
     sensors: Vec<SensorReport>,
     poses: Vec<PoseNotes>,
     provenance: Vec<Session>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    measured_coordinates: Option<[bool; 3]>,
 }
 
 /// What the metadata says of a pose; its numbers are in the tensor `poses`.
@@ -163,6 +165,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             })
             .collect(),
         provenance: provenance.to_vec(),
+        measured_coordinates: model.measured_coordinates,
     };
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
@@ -405,6 +408,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
+        measured_coordinates: metadata.measured_coordinates,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };

@@ -82,19 +82,20 @@ impl CellMoments {
         }]);
     }
 
-    /// Adds another cell's moments.
-    pub fn merge(&mut self, other: &Self) {
+    /// Adds another cell's moments, its information times a factor.
+    pub fn merge(&mut self, other: &Self, factor: f64) {
         for (a, b) in self.gram.as_flattened_mut().iter_mut().zip(other.gram.as_flattened()) {
-            *a += b;
+            *a += factor * b;
         }
-        for (a, b) in (self.values.as_flattened_mut().as_flattened_mut().iter_mut())
-            .zip(other.values.as_flattened().as_flattened())
-        {
-            *a += b;
+        for (own, other) in self.values.iter_mut().zip(&other.values) {
+            for (a, b) in own.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
+                *a += factor * b;
+            }
         }
-        for (a, b) in self.squares.iter_mut().zip(&other.squares) {
-            *a += b;
+        for d in 0..3 {
+            self.squares[d] += factor * other.squares[d];
         }
+        self.squares[3] += other.squares[3];
     }
 
     /// Adds a run: the sums stay in registers, first those of the matrix, then those of the vector.
@@ -229,6 +230,15 @@ pub struct PositionSums {
     origin: Option<[f64; 3]>,
     count: usize,
     parts: Vec<Part>,
+}
+
+/// An affine map of the parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AffineMap {
+    /// `o`, `a` and `b` of `z = o + u a + v b`.
+    pub map: [[f64; 3]; 3],
+    /// For each coordinate, the share of its variance that the map leaves; as exact as squares of coordinates are.
+    pub unexplained_share: [f64; 3],
 }
 
 /// Readings sorted by leaf.
@@ -404,11 +414,23 @@ impl PositionSums {
         Ok(())
     }
 
-    /// Adds what another has summed up over the same hierarchy.
+    /// The hierarchy.
+    #[must_use]
+    pub fn space(&self) -> &Arc<Hierarchy> {
+        &self.space
+    }
+
+    /// `Σ w`.
+    #[must_use]
+    pub fn weight(&self) -> f64 {
+        self.cells.iter().map(|cell| cell.gram[0][0]).sum()
+    }
+
+    /// Adds what another has summed up over the same hierarchy, its information times a factor.
     ///
     /// # Errors
     /// `Input` when the hierarchies differ in their leaves.
-    pub fn merge(&mut self, other: &Self) -> Result<()> {
+    pub fn merge(&mut self, other: &Self, factor: f64) -> Result<()> {
         if self.space.shape() != other.space.shape() || self.space.leaves() != other.space.leaves() {
             return Err(Error::input("sums over different hierarchies cannot be added"));
         }
@@ -417,7 +439,7 @@ impl PositionSums {
         };
         let to = *self.origin.get_or_insert(from);
         for (own, other) in self.cells.iter_mut().zip(&other.cells) {
-            own.merge(&other.moved(std::array::from_fn(|d| from[d] - to[d])));
+            own.merge(&other.moved(std::array::from_fn(|d| from[d] - to[d])), factor);
         }
         self.count += other.count;
         Ok(())
@@ -439,6 +461,59 @@ impl PositionSums {
     #[must_use]
     pub fn observed(&self) -> Vec<bool> {
         self.cells.iter().map(|cell| cell.count() > 0).collect()
+    }
+
+    /// The affine map of the parameters that is nearest to the positions; none where the parameters lie on one line.
+    ///
+    /// Normal equations of `z ≈ o + u a + v b` about the mean, from the lowest moments of the cells.
+    #[must_use]
+    pub fn affine(&self) -> Option<AffineMap> {
+        // Sums of w (1, u, v)ᵀ(1, u, v) and of w (1, u, v) z, with u = (i + (s + 1)/2) side on each cell.
+        let (mut gram, mut values) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
+        for (cell, leaf) in self.cells.iter().zip(self.space.leaves()) {
+            let side = leaf.side();
+            let half = 0.5 * side;
+            let (u0, v0) = ((f64::from(leaf.i) + 0.5) * side, (f64::from(leaf.j) + 0.5) * side);
+            // (1, u, v) are these combinations of (1, s, t).
+            let rows = [[1.0, 0.0, 0.0], [u0, half, 0.0], [v0, 0.0, half]];
+            let m = &cell.gram;
+            let of_cell = [[m[0][0], m[0][1], m[1][0]], [m[0][1], m[0][2], m[1][1]], [m[1][0], m[1][1], m[2][0]]];
+            for a in 0..3 {
+                for b in 0..3 {
+                    gram[a][b] += (0..3)
+                        .map(|i| rows[a][i] * (0..3).map(|j| of_cell[i][j] * rows[b][j]).sum::<f64>())
+                        .sum::<f64>();
+                }
+                for d in 0..3 {
+                    let z = &cell.values[d];
+                    values[a][d] += rows[a][0] * z[0][0] + rows[a][1] * z[0][1] + rows[a][2] * z[1][0];
+                }
+            }
+        }
+        let weight = gram[0][0];
+        let mean = [gram[0][1] / weight, gram[0][2] / weight];
+        let spread = |a: usize, b: usize| gram[a][b] - weight * mean[a - 1] * mean[b - 1];
+        let (uu, uv, vv) = (spread(1, 1), spread(1, 2), spread(2, 2));
+        let determinant = uu * vv - uv * uv;
+        if !(determinant > 1e-12 * uu * vv) {
+            return None;
+        }
+        let mut map = [[0.0; 3]; 3];
+        let mut unexplained_share = [0.0; 3];
+        let squares = self.squares();
+        for d in 0..3 {
+            let middle = values[0][d] / weight;
+            let (uz, vz) = (
+                values[1][d] - values[0][d] * mean[0],
+                values[2][d] - values[0][d] * mean[1],
+            );
+            let (a, b) = ((vv * uz - uv * vz) / determinant, (uu * vz - uv * uz) / determinant);
+            map[0][d] = self.origin()[d] + middle - a * mean[0] - b * mean[1];
+            (map[1][d], map[2][d]) = (a, b);
+            let total = squares[d] - weight * middle * middle;
+            unexplained_share[d] = if total > 0.0 { (total - a * uz - b * vz) / total } else { 0.0 };
+        }
+        Some(AffineMap { map, unexplained_share })
     }
 
     /// The information about the nodes: one matrix for each coordinate, three vectors, relative to the origin.

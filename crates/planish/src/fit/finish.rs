@@ -53,6 +53,7 @@ pub(super) fn finish(
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
+        measured_coordinates: None,
     };
     progress.check("covariance", 0.95)?;
     let covariance = Arc::new(model.covariance(&system)?);
@@ -116,17 +117,7 @@ pub(super) fn finish(
             options.max_coefficients
         ));
     }
-    let poses = set
-        .scans
-        .iter()
-        .map(|posed| PoseReport {
-            scan: posed.scan.name.clone(),
-            translation: posed.scan.world_from_scanner.translation,
-            quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
-            sigma_translation: posed.sigma_translation,
-            sigma_rotation_deg: posed.sigma_rotation_deg,
-        })
-        .collect::<Vec<_>>();
+    let poses = pose_reports(set);
     let report = FitReport {
         observations: used.len(),
         rejected,
@@ -300,6 +291,20 @@ fn judge(
     })
 }
 
+/// The poses of all scans.
+pub(super) fn pose_reports(set: &ScanSet) -> Vec<PoseReport> {
+    set.scans
+        .iter()
+        .map(|posed| PoseReport {
+            scan: posed.scan.name.clone(),
+            translation: posed.scan.world_from_scanner.translation,
+            quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
+            sigma_translation: posed.sigma_translation,
+            sigma_rotation_deg: posed.sigma_rotation_deg,
+        })
+        .collect()
+}
+
 fn sensor_reports(
     set: &ScanSet,
     observations: &Observations,
@@ -336,7 +341,8 @@ fn sensor_reports(
         .collect()
 }
 
-fn warnings(
+/// What a user should know.
+pub(super) fn warnings(
     sensors: &[SensorReport],
     observed: f64,
     rejected: &std::collections::BTreeMap<String, usize>,

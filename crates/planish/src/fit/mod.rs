@@ -4,8 +4,10 @@ mod engine;
 mod finish;
 mod growth;
 mod indicator;
+mod known;
 mod noise;
 mod observations;
+mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
@@ -26,6 +28,9 @@ use std::sync::Arc;
 pub struct FitOptions {
     /// The topology; chosen from the cloud where none is given.
     pub shape: Option<Shape>,
+    /// Where the scans carry the parameters `u` and `v` in `[0, 1]` of their readings: the cells of the uniform grid that is fitted to them. The
+    /// problem is linear then: no tolerance and no limit of coefficients apply.
+    pub known_parameters: Option<[usize; 2]>,
     /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise says so if none is given.
     pub tolerance: Option<f64>,
     /// No more control vertices than this.
@@ -44,6 +49,7 @@ impl Default for FitOptions {
     fn default() -> Self {
         Self {
             shape: None,
+            known_parameters: None,
             tolerance: None,
             max_coefficients: 12_000,
             gate: 4.0,
@@ -157,6 +163,9 @@ impl Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    if let Some(cells) = options.known_parameters {
+        return known::fit_known(set, cells, options, progress);
+    }
     let mut observations = observe(set, options)?;
     let origin = observations.recentre();
     progress.check("normals", 0.01)?;

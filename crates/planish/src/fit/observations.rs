@@ -427,7 +427,7 @@ impl Observations {
 }
 
 /// A repeatable number in [0, 1) for a point of a scan.
-fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
+pub(super) fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
     let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (scan << 40) ^ point;
     for _ in 0..2 {
         x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -704,7 +704,7 @@ fn misfit(
 }
 
 /// A leaf and those around it, each once.
-fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))

@@ -108,7 +108,7 @@ fn sums_of_two_sessions_add_whatever_their_origins() {
     merged.add(&at[..400], &z[..400], Some(&w[..400])).unwrap();
     let mut other = PositionSums::new(&space);
     other.add(&at[400..], &z[400..], Some(&w[400..])).unwrap();
-    merged.merge(&other).unwrap();
+    merged.merge(&other, 1.0).unwrap();
     assert_eq!(merged.count(), 1000);
     let (a, b) = (all.information(&system).unwrap(), merged.information(&system).unwrap());
     for (a, b) in a.values().iter().zip(b.values()).chain(a.vector().iter().zip(b.vector())) {
@@ -134,4 +134,31 @@ fn readings_that_cannot_be_used_are_named() {
         assert!(message.contains(words), "{message}");
     }
     assert!(sums.add(&[[0.0; 2]], &[], None).unwrap_err().to_string().contains("1 parameters, 0 positions"));
+}
+
+/// The metric of a sheet, and which coordinates are exact, come from this.
+#[test]
+fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
+    let uniform = Hierarchy::uniform(Shape::Sheet, [6, 5]).unwrap();
+    let marked: Vec<usize> = [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)]
+        .map(|(u, v)| uniform.locate(u, v).0)
+        .to_vec();
+    let space = Arc::new(uniform.refine(&marked));
+    let (at, mut z, w) = readings(5000, space.extent(), 5);
+    let mut sums = PositionSums::new(&space);
+    for (z, [u, v]) in z.iter_mut().zip(&at) {
+        *z = [1e3 + 2.0 * u, 3.0 - u + 0.5 * v, u * v];
+    }
+    sums.add(&at, &z, Some(&w)).unwrap();
+    let affine = sums.affine().unwrap();
+    for (d, wanted) in [[1e3, 2.0, 0.0], [3.0, -1.0, 0.5]].into_iter().enumerate() {
+        for k in 0..3 {
+            assert!((affine.map[k][d] - wanted[k]).abs() < 1e-9, "{affine:?}");
+        }
+        assert!(affine.unexplained_share[d].abs() < 1e-12);
+    }
+    assert!(affine.unexplained_share[2] > 0.01);
+    let mut line = PositionSums::new(&space);
+    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None).unwrap();
+    assert_eq!(line.affine(), None);
 }

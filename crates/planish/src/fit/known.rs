@@ -1,0 +1,614 @@
+//! Readings whose parameters are known: one linear problem, solved exactly.
+//!
+//! Comes in: scans with the columns `u` and `v` in `[0, 1]`. Goes out: a model whose vertices have a full covariance, not along normals
+//! only. Readings stream through sums over cells; nothing is kept of them, and only those outside the gate are gone back to.
+//!
+//! A coordinate that is an affine function of `(u, v)`, like the plan of a height field, has no noise: it is reproduced and counts as
+//! exact. The others share the noise of their reading.
+//!
+//! Not guaranteed: that readings which were given wrong parameters are found out.
+
+use super::finish::{pose_reports, warnings};
+use super::noise::kept_variance;
+use super::observations::{Rejection, hash01};
+use super::smoothing::{Smoothing, Totals, reference_surface};
+use super::stages::{leaf_areas, neighbourhood};
+use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
+use crate::model::{NodeCovariance, Posterior, SensorReport, SurfaceModel};
+use crate::progress::Progress;
+use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
+use planish_exchange::{ScanSet, Unit};
+use planish_mesh::BoundingBox;
+use planish_sense::Noise;
+use planish_spline::{Hierarchy, PositionSums, Shape, Surface, SurfaceSystem, leaf_weights};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Readings that are looked at together.
+const CHUNK: usize = 1 << 18;
+/// Readings that one task looks at.
+const TASK: usize = 1 << 13;
+/// So many held-out readings judge any fit.
+const ENOUGH_HELD_OUT: f64 = 10_000.0;
+/// Residuals that are enough to find the scale of a sensor.
+const ENOUGH_FOR_SCALE: usize = 50_000;
+/// Rounds of weighing and gating, and what must change for another: shares of a variance, and of the readings.
+const MOST_ROUNDS: usize = 8;
+const SETTLED_VARIANCE: f64 = 0.01;
+const SETTLED_GATE: f64 = 1e-4;
+/// Stated σ are believed within this factor.
+const BELIEVED: f64 = 1.1;
+/// Information of an exact coordinate over that of the others.
+const EXACT: f64 = 1e6;
+/// Fewer readings say nothing of a surface and its noise.
+const LEAST_READINGS: usize = 10;
+
+/// What a reading is to the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Fitted,
+    HeldOut,
+    Gated,
+}
+
+/// Readings of a set of scans with their roles.
+struct Readings<'a> {
+    set: &'a ScanSet,
+    cells: [f64; 2],
+    options: &'a FitOptions,
+    held_out_share: f64,
+    /// Numbers of gated readings of each scan, ascending.
+    gated: Vec<Vec<u32>>,
+    /// Whether a sensor's σ was stated.
+    stated: Vec<bool>,
+}
+
+/// One reading in the world.
+#[derive(Clone, Copy)]
+struct Reading {
+    at: [f64; 2],
+    point: [f64; 3],
+    /// 1/variance as stated; 1 where it was not.
+    information: f64,
+    role: Role,
+}
+
+impl<'a> Readings<'a> {
+    fn new(set: &'a ScanSet, cells: [usize; 2], options: &'a FitOptions) -> Result<Self> {
+        let total: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        if total < LEAST_READINGS {
+            return Err(Error::undetermined(format!(
+                "{total} readings in all: at least {LEAST_READINGS} are needed"
+            )));
+        }
+        let mut stated = vec![true; set.sensors.len()];
+        for posed in &set.scans {
+            let name = &posed.scan.name;
+            if posed.scan.parameters.is_none() {
+                return Err(Error::input(format!(
+                    "{name}: needed the columns u v (the parameters of each reading, in [0, 1]), found none"
+                )));
+            }
+            if posed.scan.covariance.is_some() {
+                return Err(Error::unsupported(format!(
+                    "{name}: needed one σ a reading (the column sigma) where parameters are known, found covariances cxx … czz"
+                )));
+            }
+            if posed.scan.sigma.is_none() {
+                match set.sensors[posed.sensor].noise {
+                    None => stated[posed.sensor] = false,
+                    Some(Noise::Isotropic { .. }) => {}
+                    Some(Noise::Ray { .. }) => {
+                        return Err(Error::unsupported(format!(
+                            "{name}: needed one σ for all directions where parameters are known, found sigma_along and sigma_across of the sensor \"{}\"",
+                            set.sensors[posed.sensor].name
+                        )));
+                    }
+                }
+            }
+        }
+        for posed in &set.scans {
+            let outside = |p: &[f64; 2]| !p.iter().all(|x| (0.0..=1.0).contains(x));
+            if let Some(all) = &posed.scan.parameters
+                && let Some(k) = all.par_iter().position_first(outside)
+            {
+                return Err(Error::input(format!(
+                    "{}: needed u and v in [0, 1], found ({}, {}) (point {k})",
+                    posed.scan.name, all[k][0], all[k][1]
+                )));
+            }
+        }
+        Ok(Self {
+            set,
+            cells: cells.map(|n| n as f64),
+            options,
+            held_out_share: options.held_out_share.min(ENOUGH_HELD_OUT / total as f64),
+            gated: vec![Vec::new(); set.scans.len()],
+            stated,
+        })
+    }
+
+    #[inline]
+    fn reading(&self, s: usize, k: usize) -> Reading {
+        let posed = &self.set.scans[s];
+        let scan = &posed.scan;
+        let at = scan.parameters.as_ref().map_or([f64::NAN; 2], |all| all[k]);
+        let sigma = match (&scan.sigma, self.set.sensors[posed.sensor].noise) {
+            (Some(all), _) => all[k],
+            (None, Some(Noise::Isotropic { sigma })) => sigma,
+            (None, _) => 1.0,
+        };
+        let held_out =
+            self.held_out_share > 0.0 && hash01(self.options.seed, s as u64, k as u64) < self.held_out_share;
+        Reading {
+            at: [at[0] * self.cells[0], at[1] * self.cells[1]],
+            point: scan.world_from_scanner.apply(scan.points[k]),
+            information: 1.0 / (sigma * sigma),
+            role: if held_out {
+                Role::HeldOut
+            } else if self.gated[s].binary_search(&(k as u32)).is_ok() {
+                Role::Gated
+            } else {
+                Role::Fitted
+            },
+        }
+    }
+
+    /// Every reading's part in something, task by task in their order: `work(scan, numbers)`.
+    fn in_tasks<T: Send>(&self, work: impl Fn(usize, Range<usize>) -> T + Sync) -> Vec<T> {
+        let tasks: Vec<(usize, Range<usize>)> = (self.set.scans.iter().enumerate())
+            .flat_map(|(s, posed)| {
+                let size = posed.scan.points.len();
+                (0..size).step_by(TASK).map(move |k| (s, k..size.min(k + TASK)))
+            })
+            .collect();
+        tasks.into_par_iter().map(|(s, range)| work(s, range)).collect()
+    }
+
+    /// The sums of each sensor's readings that are fitted.
+    fn sum(&self, space: &Arc<Hierarchy>, progress: &dyn Progress) -> Result<Vec<PositionSums>> {
+        let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
+        let (mut at, mut points, mut information) = (Vec::new(), Vec::new(), Vec::new());
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            let size = posed.scan.points.len();
+            for start in (0..size).step_by(CHUNK) {
+                progress.check("adding up", 0.1)?;
+                at.clear();
+                points.clear();
+                information.clear();
+                for reading in (start..size.min(start + CHUNK)).map(|k| self.reading(s, k)) {
+                    if reading.role == Role::Fitted {
+                        at.push(reading.at);
+                        points.push(reading.point);
+                        information.push(reading.information);
+                    }
+                }
+                sums[posed.sensor]
+                    .add(&at, &points, Some(&information))
+                    .map_err(|e| e.in_context(&posed.scan.name))?;
+            }
+        }
+        Ok(sums)
+    }
+
+    /// The readings of a scan outside the gate, given each sensor's variance over that stated.
+    fn outside(&self, surface: &Evaluation, measured: [bool; 3], variances: &[f64]) -> Result<Vec<Vec<u32>>> {
+        let gate2 = self.options.gate * self.options.gate;
+        let parts = self.in_tasks(|s, range| {
+            let limit = gate2 * variances[self.set.scans[s].sensor];
+            let found: Vec<u32> = range
+                .filter(|&k| {
+                    let reading = self.reading(s, k);
+                    let r = surface.residual(&reading);
+                    reading.role != Role::HeldOut
+                        && (0..3).any(|d| measured[d] && r[d] * r[d] * reading.information > limit)
+                })
+                .map(|k| k as u32)
+                .collect();
+            (s, found)
+        });
+        let mut outside = vec![Vec::new(); self.set.scans.len()];
+        for (s, found) in parts {
+            outside[s].extend(found);
+        }
+        // What noise alone puts there is not put there by anything else.
+        let beyond = 1.0 - TruncatedNormal::new(self.options.gate)?.share_kept();
+        let coordinates = measured.iter().filter(|m| **m).count();
+        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        let expected = beyond * (coordinates * total) as f64;
+        let found: usize = outside.iter().map(Vec::len).sum();
+        if found as f64 <= expected + 4.0 * expected.sqrt() + 1.0 {
+            outside.iter_mut().for_each(Vec::clear);
+        }
+        Ok(outside)
+    }
+
+    /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the gate.
+    fn robust_variances(&self, surface: &Evaluation, measured: [bool; 3]) -> Result<Vec<f64>> {
+        let mut residuals = vec![Vec::new(); self.set.sensors.len()];
+        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        let step = (total / ENOUGH_FOR_SCALE).max(1);
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            for reading in (0..posed.scan.points.len()).step_by(step).map(|k| self.reading(s, k)) {
+                let r = surface.residual(&reading);
+                let weight = reading.information.sqrt();
+                residuals[posed.sensor].extend((0..3).filter(|&d| measured[d]).map(|d| r[d] * weight));
+            }
+        }
+        (residuals.iter())
+            .map(|all| match all.is_empty() {
+                true => Ok(1.0),
+                false => Ok(gated_scale(all, self.options.gate)?.sigma.powi(2)),
+            })
+            .collect()
+    }
+}
+
+/// Sixteen coefficients of every leaf: a surface that is quick to ask.
+struct Evaluation {
+    space: Arc<Hierarchy>,
+    coefficients: Vec<[[f64; 3]; 16]>,
+}
+
+impl Evaluation {
+    fn new(surface: &Surface) -> Self {
+        Self {
+            space: Arc::clone(surface.space()),
+            coefficients: surface.space().leaf_coefficients(surface.vertices()),
+        }
+    }
+
+    /// Reading minus surface.
+    #[inline]
+    fn residual(&self, reading: &Reading) -> [f64; 3] {
+        let (leaf, local) = self.space.locate(reading.at[0], reading.at[1]);
+        let mut r = reading.point;
+        for (b, c) in leaf_weights(local[0], local[1]).iter().zip(&self.coefficients[leaf]) {
+            for d in 0..3 {
+                r[d] -= b * c[d];
+            }
+        }
+        r
+    }
+}
+
+/// What the residuals of one sensor's readings sum up to.
+#[derive(Debug, Clone, Copy, Default)]
+struct Residuals {
+    /// Readings.
+    count: usize,
+    /// `Σ r²` over the measured coordinates.
+    square: f64,
+    /// `Σ w r²`.
+    weighted: f64,
+    /// `Σ 1/w` over the readings: their stated variances.
+    variance: f64,
+}
+
+impl Residuals {
+    fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.square += other.square;
+        self.weighted += other.weighted;
+        self.variance += other.variance;
+    }
+}
+
+/// Fits a uniform grid of so many cells to readings with known parameters.
+///
+/// # Errors
+/// `Input` when a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on direction; `Undetermined` when the
+/// readings do not determine the surface.
+pub(super) fn fit_known(
+    set: &ScanSet,
+    cells: [usize; 2],
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
+    let shape = options.shape.unwrap_or(Shape::Sheet);
+    let space = Arc::new(Hierarchy::uniform(shape, cells)?);
+    let mut readings = Readings::new(set, cells, options)?;
+    progress.check("equations", 0.02)?;
+    let system = SurfaceSystem::new(&space)?;
+    let mut sums = readings.sum(&space, progress)?;
+    let mut variances = vec![1.0; set.sensors.len()];
+    let mut smoothing: Option<Smoothing> = None;
+    let mut reached_limit = true;
+    for round in 0..MOST_ROUNDS {
+        progress.check("smoothing", 0.3 + 0.05 * round as f64)?;
+        let total = Totals::new(&sums, &variances, &system)?;
+        let next = match smoothing.take() {
+            None => {
+                let first = Smoothing::new(&system, &reference_surface(&space, &total.sums)?, &total)?;
+                if shape == Shape::Sheet {
+                    first
+                } else {
+                    // The metric of a closed shape is not known before there is one.
+                    Smoothing::new(&system, &first.surface(&system, &total)?, &total)?
+                }
+            }
+            Some(earlier) => earlier.again(&system, &total)?,
+        };
+        let surface = Evaluation::new(&next.surface(&system, &total)?);
+        let measured = next.measured;
+        smoothing = Some(next);
+        if round + 1 == MOST_ROUNDS {
+            break;
+        }
+        progress.check("gating", 0.32 + 0.05 * round as f64)?;
+        let now = readings.robust_variances(&surface, measured)?;
+        let outside = readings.outside(&surface, measured, &now)?;
+        let settled = variances.len() == 1
+            || (now.iter().zip(&variances)).all(|(a, b)| (a / b - 1.0).abs() < SETTLED_VARIANCE);
+        let changed = difference(&readings.gated, &outside);
+        if settled && changed as f64 <= SETTLED_GATE * total.sums.count() as f64 {
+            reached_limit = false;
+            break;
+        }
+        if variances.len() > 1 {
+            variances = now;
+        }
+        if changed > 0 {
+            readings.gated = outside;
+            sums = readings.sum(&space, progress)?;
+        }
+    }
+    let Some(smoothing) = smoothing else {
+        return Err(Error::undetermined("no reading is left"));
+    };
+    let solved = Solved {
+        system,
+        sums,
+        variances,
+        smoothing,
+        reached_limit,
+    };
+    solved.finish(&readings, progress)
+}
+
+/// How many numbers are in one of two lists of ascending lists only.
+fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| {
+            let common = a.iter().filter(|k| b.binary_search(k).is_ok()).count();
+            a.len() + b.len() - 2 * common
+        })
+        .sum()
+}
+
+/// A fit that is settled but for its figures.
+struct Solved {
+    system: SurfaceSystem,
+    sums: Vec<PositionSums>,
+    /// Each sensor's variance over that stated, up to a factor common to all; 1 for one sensor.
+    variances: Vec<f64>,
+    smoothing: Smoothing,
+    reached_limit: bool,
+}
+
+impl Solved {
+    fn finish(self, readings: &Readings<'_>, progress: &dyn Progress) -> Result<Fit> {
+        let Self {
+            system,
+            sums,
+            variances,
+            smoothing,
+            reached_limit,
+        } = self;
+        let set = readings.set;
+        let measured = smoothing.measured;
+        let coordinates = measured.iter().filter(|m| **m).count() as f64;
+        let total = Totals::new(&sums, &variances, &system)?;
+        let surface = smoothing.surface(&system, &total)?;
+        let evaluation = Evaluation::new(&surface);
+        progress.check("covariance", 0.8)?;
+        let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
+        let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
+
+        // σ² of the readings: residuals over what is left of their number.
+        let inverse = SelectedInverse::new(&smoothing.factor);
+        let degrees = coordinates * inverse.trace_with(&total.information)?;
+        let residuals = readings.residuals(&evaluation, measured);
+        let count: usize = residuals.iter().map(|r| r.count).sum();
+        let weighted: f64 = residuals.iter().zip(&variances).map(|(r, v)| r.weighted / v).sum();
+        let redundant = (coordinates * count as f64 - degrees).max(1.0);
+        let estimated = (weighted / (redundant * kept)).max(least_variance(&surface, &total));
+        let believed = |s: usize| readings.stated[s] && (1.0 / BELIEVED..BELIEVED).contains(&(estimated * variances[s]).sqrt());
+        let scale = match (0..variances.len()).find(|&s| believed(s) && residuals[s].count > 0) {
+            Some(s) => 1.0 / variances[s],
+            None => estimated,
+        };
+
+        let own_cells: Vec<bool> = total.sums.observed();
+        let mut observed = own_cells.clone();
+        for leaf in (0..own_cells.len()).filter(|&leaf| own_cells[leaf]) {
+            for other in neighbourhood(surface.space(), leaf) {
+                observed[other] = true;
+            }
+        }
+        let sensors: Vec<SensorReport> = (set.sensors.iter().enumerate())
+            .filter(|(s, _)| residuals[*s].count > 0)
+            .map(|(s, sensor)| {
+                let r = &residuals[s];
+                let n = r.count as f64;
+                let typical = (r.variance / n).sqrt();
+                SensorReport {
+                    name: sensor.name.clone(),
+                    observations: r.count,
+                    sigma_stated: readings.stated[s].then_some(typical),
+                    sigma_estimated: (estimated * variances[s]).sqrt() * typical,
+                    rms: (r.square / (coordinates * n)).sqrt(),
+                    sigma_used_is_estimated: !believed(s),
+                }
+            })
+            .collect();
+        let model = SurfaceModel {
+            unit: set.unit.unwrap_or(Unit::Millimetre),
+            prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured)?,
+            data: about_origin(&total, measured, scale)?,
+            observed,
+            sensors: sensors.clone(),
+            poses: pose_reports(set),
+            smoothness_weight: smoothing.found.weight / scale,
+            observations: count,
+            measured_coordinates: Some(measured),
+            surface,
+        };
+        let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));
+        let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
+        progress.check("figures", 0.9)?;
+        let held_out = readings.judge(&evaluation, &posterior, measured, scale, &variances)?;
+        let sigma = posterior.sigma_summary(&model.observed)?;
+        let areas = leaf_areas(&model.surface);
+        let observed_area: f64 = areas.iter().zip(&model.observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+        let square: f64 = residuals.iter().map(|r| r.square).sum();
+        let n = coordinates * count.max(1) as f64;
+        let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
+        let gated: usize = readings.gated.iter().map(Vec::len).sum();
+        let rejected: BTreeMap<String, usize> = [(Rejection::NotFinite, not_finite), (Rejection::Outlier, gated)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .map(|(cause, n)| (cause.name().to_owned(), n))
+            .collect();
+        let observed_share = observed_area / areas.iter().sum::<f64>();
+        let every: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        let report = FitReport {
+            observations: count,
+            shape: model.surface.space().shape().name().to_owned(),
+            coefficients: model.surface.space().node_count(),
+            levels: 1,
+            cells: model.surface.space().leaves().len(),
+            rms: (square / n).sqrt(),
+            rms_normalised: (weighted / (scale * n)).sqrt(),
+            reduced_chi_square: weighted / (scale * redundant * kept),
+            warnings: warnings(&sensors, observed_share, &rejected, every + not_finite),
+            rejected,
+            sensors,
+            poses: model.poses.clone(),
+            sigma,
+            observed_area_fraction: observed_share,
+            smoothness_weight: model.smoothness_weight,
+            held_out,
+            termination: if reached_limit { FitTermination::Limit } else { FitTermination::Converged },
+        };
+        progress.advance("done", 1.0);
+        Ok(Fit {
+            model,
+            report,
+            covariance,
+        })
+    }
+}
+
+impl Readings<'_> {
+    /// Sums of the fitted readings' residuals, sensor by sensor.
+    fn residuals(&self, surface: &Evaluation, measured: [bool; 3]) -> Vec<Residuals> {
+        let parts = self.in_tasks(|s, range| {
+            let mut sum = Residuals::default();
+            for reading in range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::Fitted) {
+                let r = surface.residual(&reading);
+                let square: f64 = (0..3).filter(|&d| measured[d]).map(|d| r[d] * r[d]).sum();
+                sum.add(&Residuals {
+                    count: 1,
+                    square,
+                    weighted: reading.information * square,
+                    variance: 1.0 / reading.information,
+                });
+            }
+            (s, sum)
+        });
+        let mut residuals = vec![Residuals::default(); self.set.sensors.len()];
+        for (s, sum) in parts {
+            residuals[self.set.scans[s].sensor].add(&sum);
+        }
+        residuals
+    }
+
+    /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
+    fn judge(
+        &self,
+        surface: &Evaluation,
+        posterior: &Posterior<'_>,
+        measured: [bool; 3],
+        scale: f64,
+        variances: &[f64],
+    ) -> Result<HeldOut> {
+        let gate = self.options.gate;
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let parts = self.in_tasks(|s, range| -> Result<(usize, usize, f64)> {
+            let (mut n, mut kept, mut sum) = (0, 0, 0.0);
+            for reading in range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::HeldOut) {
+                let r = surface.residual(&reading);
+                let (leaf, local) = surface.space.locate(reading.at[0], reading.at[1]);
+                let cell = posterior.leaf(leaf)?;
+                let of_reading = scale * variances[self.set.scans[s].sensor] / reading.information;
+                let mut inside = true;
+                let mut squares = 0.0;
+                for d in (0..3).filter(|&d| measured[d]) {
+                    let of_surface = cell.variance_along(&leaf_weights(local[0], local[1]), axes[d]);
+                    let square = r[d] * r[d] / (of_reading + of_surface);
+                    inside &= square <= gate * gate;
+                    squares += square;
+                }
+                if inside {
+                    n += 1;
+                    kept += measured.iter().filter(|m| **m).count();
+                    sum += squares;
+                }
+            }
+            Ok((n, kept, sum))
+        });
+        let (mut n, mut kept, mut sum) = (0, 0, 0.0);
+        for part in parts {
+            let (a, b, c) = part?;
+            (n, kept, sum) = (n + a, kept + b, sum + c);
+        }
+        if n == 0 {
+            return Ok(HeldOut {
+                n: 0,
+                rms_normalised: f64::NAN,
+            });
+        }
+        Ok(HeldOut {
+            n,
+            rms_normalised: (sum / kept as f64 / kept_variance(gate)?).sqrt(),
+        })
+    }
+}
+
+/// A variance that rounding alone leaves.
+fn least_variance(surface: &Surface, total: &Totals) -> f64 {
+    let size = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let typical = total.sums.count().max(1) as f64 / total.sums.weight();
+    ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
+}
+
+/// Information of one unknown a node over all three coordinates, times a factor; exact coordinates are held much firmer.
+fn over_coordinates(information: &BlockInformation, factor: f64, measured: [bool; 3]) -> Result<BlockInformation> {
+    let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
+    let weights = measured.map(|m| if m { factor } else { EXACT * factor });
+    for (block, value) in out.values_mut().chunks_exact_mut(9).zip(information.values()) {
+        for d in 0..3 {
+            block[4 * d] = weights[d] * value;
+        }
+    }
+    for (to, from) in out.vector_mut().chunks_exact_mut(3).zip(information.vector().chunks_exact(3)) {
+        for d in 0..3 {
+            to[d] = weights[d] * from[d];
+        }
+    }
+    Ok(out)
+}
+
+/// The readings' information over all coordinates, about the world's origin.
+fn about_origin(total: &Totals, measured: [bool; 3], scale: f64) -> Result<BlockInformation> {
+    let mut data = over_coordinates(&total.information, 1.0 / scale, measured)?;
+    let origin = total.sums.origin();
+    let by: Vec<f64> = (0..data.dimension()).map(|k| origin[k % 3]).collect();
+    data.translate(&by)?;
+    Ok(data)
+}

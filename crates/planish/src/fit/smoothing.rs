@@ -1,0 +1,220 @@
+//! The smoothest surface that sums of positions allow: vertices and the prior's weight by restricted likelihood.
+//!
+//! Comes in: sums of positions with known parameters and the metric of a reference surface. Goes out: the weight, the factored
+//! equations and the vertices. One matrix serves all coordinates: a factorisation of one unknown a node.
+
+use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
+use planish_estimate::{
+    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, SmoothnessWeight,
+    maximize_restricted_likelihood,
+};
+use planish_spline::{Cell, Hierarchy, PositionSums, Shape, Surface, SurfaceSystem};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// How well `log w` is settled: its standard error is rarely below a tenth.
+const TOLERANCE: f64 = 0.02;
+/// A coordinate is an affine function of the parameters where its variance about one is less than this share of its own.
+const EXACT_SHARE: f64 = 1e-12;
+
+/// Sums of all sensors, with their equations.
+pub(super) struct Totals {
+    pub sums: PositionSums,
+    pub information: BlockInformation,
+    squares: [f64; 3],
+}
+
+impl Totals {
+    /// The sums of every sensor, each over its variance.
+    pub(super) fn new(sums: &[PositionSums], variances: &[f64], system: &SurfaceSystem) -> Result<Self> {
+        let mut total = PositionSums::new(system.space());
+        for (sums, variance) in sums.iter().zip(variances) {
+            total.merge(sums, 1.0 / variance)?;
+        }
+        let (information, squares) = (total.information(system)?, total.squares());
+        Ok(Self {
+            sums: total,
+            information,
+            squares,
+        })
+    }
+}
+
+/// A weight and what is solved with it.
+pub(super) struct Smoothing {
+    /// The prior's information is `w K`, where that of the readings is the sums'.
+    pub found: SmoothnessWeight,
+    /// `K` of one coordinate.
+    pub energy: BlockInformation,
+    /// Which coordinates have noise; the others are affine in the parameters.
+    pub measured: [bool; 3],
+    pub factor: CholeskyFactor,
+    /// Vertices relative to the sums' origin.
+    solution: Vec<f64>,
+}
+
+impl Smoothing {
+    /// Finds the weight in the metric of a reference surface.
+    pub(super) fn new(system: &SurfaceSystem, reference: &Surface, total: &Totals) -> Result<Self> {
+        let energy = system.thin_plate(reference)?;
+        let space = system.space();
+        let leaves = space.leaves().len();
+        let area: f64 = (0..leaves).map(|leaf| reference.leaf_area(leaf)).sum();
+        // Smooth over one cell to begin with.
+        let readings: f64 = total.sums.weight();
+        let start = readings / area * (area / leaves as f64).powi(2);
+        Self::search(system, energy, total, None, start)
+    }
+
+    /// The same with other readings: starts from the weight found before.
+    pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
+        let start = self.found.weight;
+        Self::search(system, self.energy, total, Some(self.factor), start)
+    }
+
+    fn search(
+        system: &SurfaceSystem,
+        energy: BlockInformation,
+        total: &Totals,
+        earlier: Option<CholeskyFactor>,
+        start: f64,
+    ) -> Result<Self> {
+        if !(start > 0.0 && start.is_finite()) {
+            return Err(Error::undetermined("the readings span no area"));
+        }
+        let measured = measured_coordinates(total);
+        let coordinates = measured.iter().filter(|m| **m).count();
+        let null = match system.space().shape() {
+            Shape::Sheet => 3,
+            Shape::Tube => 2,
+            Shape::Ball | Shape::Torus => 1,
+        };
+        let nodes = system.pattern().nodes();
+        let model = SmoothnessModel {
+            rank: coordinates * (nodes - null),
+            unknowns: coordinates * nodes,
+            equations: coordinates * total.sums.count(),
+            log_pseudo_determinant: 0.0,
+            dispersion: Dispersion::Estimated,
+        };
+        let search = SmoothnessSearch {
+            tolerance: TOLERANCE,
+            ..SmoothnessSearch::from_start(start)
+        };
+        let vector = columns_of(total.information.vector());
+        let mut factor = earlier;
+        let mut solution = Vec::new();
+        let solve = |weight: f64, solution: &mut Vec<f64>, factor: &mut Option<CholeskyFactor>| -> Result<()> {
+            let mut matrix = total.information.clone();
+            matrix.add_scaled(&energy, weight)?;
+            let made = system.refactorize_scalar(factor.take(), &matrix)?;
+            solution.clone_from(&vector);
+            made.solve_in_place(solution)?;
+            *factor = Some(made);
+            Ok(())
+        };
+        let found = maximize_restricted_likelihood(&model, &search, |weight| {
+            solve(weight, &mut solution, &mut factor)?;
+            // zᵀWz − x̂ᵀη is the residual and w times the roughness together.
+            let penalized: f64 = (0..3)
+                .filter(|&d| measured[d])
+                .map(|d| {
+                    let own = d * nodes..(d + 1) * nodes;
+                    let explained: f64 = solution[own.clone()].iter().zip(&vector[own]).map(|(x, y)| x * y).sum();
+                    total.squares[d] - explained
+                })
+                .sum();
+            Ok(SmoothnessEvaluation {
+                log_determinant: coordinates as f64
+                    * factor.as_ref().map_or(f64::NAN, CholeskyFactor::log_determinant),
+                residual: penalized.max(f64::MIN_POSITIVE),
+                roughness: 0.0,
+                trace: None,
+            })
+        })?;
+        solve(found.weight, &mut solution, &mut factor)?;
+        let factor = factor.ok_or_else(|| Error::undetermined("the readings determine no weight"))?;
+        Ok(Self {
+            found,
+            energy,
+            measured,
+            factor,
+            solution,
+        })
+    }
+
+    /// The surface.
+    pub(super) fn surface(&self, system: &SurfaceSystem, total: &Totals) -> Result<Surface> {
+        let (origin, nodes) = (total.sums.origin(), system.pattern().nodes());
+        let vertices = (0..nodes)
+            .map(|node| std::array::from_fn(|d| origin[d] + self.solution[d * nodes + node]))
+            .collect();
+        Surface::new(Arc::clone(system.space()), vertices)
+    }
+}
+
+/// Node after node with three numbers each, as three columns.
+fn columns_of(vector: &[f64]) -> Vec<f64> {
+    (0..3).flat_map(|d| vector.iter().skip(d).step_by(3).copied()).collect()
+}
+
+/// Coordinates that are no affine function of the parameters; all of them where none is left.
+fn measured_coordinates(total: &Totals) -> [bool; 3] {
+    if total.sums.space().shape() != Shape::Sheet {
+        return [true; 3];
+    }
+    let measured = match total.sums.affine() {
+        Some(affine) => affine.unexplained_share.map(|share| share > EXACT_SHARE),
+        None => [true; 3],
+    };
+    if measured == [false; 3] { [true; 3] } else { measured }
+}
+
+/// A surface with about the metric of the readings': the affine one nearest to them over a sheet, and the round one whose cells are
+/// squares, but for what closing takes, over the others.
+///
+/// # Errors
+/// `Undetermined` when the readings lie on one line.
+pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> Result<Surface> {
+    let [nu, nv] = space.extent();
+    let point: Box<dyn Fn(f64, f64) -> [f64; 3]> = match space.shape() {
+        Shape::Sheet => {
+            let undetermined = || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
+            let [origin, along_u, along_v] = sums.affine().ok_or_else(undetermined)?.map;
+            Box::new(move |u, v| std::array::from_fn(|d| origin[d] + u * along_u[d] + v * along_v[d]))
+        }
+        Shape::Tube => {
+            let radius = nu / TAU;
+            Box::new(move |u, v| [radius * (TAU * u / nu).cos(), radius * (TAU * u / nu).sin(), v])
+        }
+        Shape::Ball => {
+            let radius = nu / TAU;
+            Box::new(move |u, v| {
+                let (longitude, latitude) = (TAU * u / nu, PI * (v / nv - 0.5));
+                [
+                    radius * latitude.cos() * longitude.cos(),
+                    radius * latitude.cos() * longitude.sin(),
+                    radius * latitude.sin(),
+                ]
+            })
+        }
+        Shape::Torus => {
+            let tube = nv / TAU;
+            let ring = (nu / TAU).max(1.5 * tube);
+            Box::new(move |u, v| {
+                let (a, b) = (TAU * u / nu, TAU * v / nv);
+                let out = ring + tube * b.cos();
+                [out * a.cos(), out * a.sin(), tube * b.sin()]
+            })
+        }
+    };
+    // Coefficients at their Greville abscissae: exact for an affine map, near enough for a metric otherwise.
+    let vertices = space.vertices_from(|cell: Cell| {
+        let side = cell.side();
+        std::array::from_fn(|k| {
+            let (i, j) = (f64::from(cell.i) + (k % 4) as f64 - 1.0, f64::from(cell.j) + (k / 4) as f64 - 1.0);
+            point(i * side, j * side)
+        })
+    });
+    Surface::new(Arc::clone(space), vertices)
+}
