@@ -164,6 +164,11 @@ pub struct FitArgs {
     /// [default: sheet, tube or ball, as the points say]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
+    /// The columns u and v of the files, in [0, 1], are the readings' parameters: fit a grid of so many cells to them, in one step
+    /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise)
+    #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface",
+          conflicts_with_all = ["update", "tolerance", "max_coefficients"])]
+    pub known_uv: Option<[usize; 2]>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
     pub tolerance: Option<f64>,
@@ -388,6 +393,15 @@ fn whole(text: &str) -> Result<usize, String> {
 fn seed(text: &str) -> Result<u64, String> {
     text.parse()
         .map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
+}
+
+fn grid(text: &str) -> Result<[usize; 2], String> {
+    let cells = |part: &str| part.trim().parse::<usize>().ok().filter(|n| (1..=1 << 14).contains(n));
+    let parts: Vec<Option<usize>> = text.split(['x', 'X', '×']).map(cells).collect();
+    match parts[..] {
+        [Some(u), Some(v)] => Ok([u, v]),
+        _ => Err("needed cells along u and v, each from 1 to 16384, as in 61x61".to_owned()),
+    }
 }
 
 fn coefficients(text: &str) -> Result<usize, String> {

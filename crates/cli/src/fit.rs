@@ -34,6 +34,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: args.common.unit.map(Unit::from),
         options: FitOptions {
             shape: args.shape.map(Into::into),
+            known_parameters: args.known_uv,
             tolerance: args.tolerance,
             max_coefficients: args.max_coefficients,
             gate: args.gate,
@@ -78,6 +79,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
+    option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
     option(
         "--max-coefficients",

@@ -612,3 +612,6 @@ fn about_origin(total: &Totals, measured: [bool; 3], scale: f64) -> Result<Block
     data.translate(&by)?;
     Ok(data)
 }
+
+#[cfg(test)]
+mod tests;

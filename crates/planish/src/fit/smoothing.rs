@@ -49,7 +49,7 @@ pub(super) struct Smoothing {
     /// Which coordinates have noise; the others are affine in the parameters.
     pub measured: [bool; 3],
     pub factor: CholeskyFactor,
-    /// Vertices relative to the sums' origin.
+    /// Vertices relative to the sums' origin, node after node.
     solution: Vec<f64>,
 }
 
@@ -101,14 +101,15 @@ impl Smoothing {
             tolerance: TOLERANCE,
             ..SmoothnessSearch::from_start(start)
         };
-        let vector = columns_of(total.information.vector());
+        let vector = total.information.vector();
         let mut factor = earlier;
         let mut solution = Vec::new();
         let solve = |weight: f64, solution: &mut Vec<f64>, factor: &mut Option<CholeskyFactor>| -> Result<()> {
             let mut matrix = total.information.clone();
             matrix.add_scaled(&energy, weight)?;
             let made = system.refactorize_scalar(factor.take(), &matrix)?;
-            solution.clone_from(&vector);
+            solution.clear();
+            solution.extend_from_slice(vector);
             made.solve_in_place(solution)?;
             *factor = Some(made);
             Ok(())
@@ -116,14 +117,14 @@ impl Smoothing {
         let found = maximize_restricted_likelihood(&model, &search, |weight| {
             solve(weight, &mut solution, &mut factor)?;
             // zᵀWz − x̂ᵀη is the residual and w times the roughness together.
-            let penalized: f64 = (0..3)
-                .filter(|&d| measured[d])
-                .map(|d| {
-                    let own = d * nodes..(d + 1) * nodes;
-                    let explained: f64 = solution[own.clone()].iter().zip(&vector[own]).map(|(x, y)| x * y).sum();
-                    total.squares[d] - explained
-                })
-                .sum();
+            let mut explained = [0.0; 3];
+            for (x, y) in solution.chunks_exact(3).zip(vector.chunks_exact(3)) {
+                for d in 0..3 {
+                    explained[d] += x[d] * y[d];
+                }
+            }
+            let left = |d: usize| total.squares[d] - explained[d];
+            let penalized: f64 = (0..3).filter(|&d| measured[d]).map(left).sum();
             Ok(SmoothnessEvaluation {
                 log_determinant: coordinates as f64
                     * factor.as_ref().map_or(f64::NAN, CholeskyFactor::log_determinant),
@@ -145,17 +146,12 @@ impl Smoothing {
 
     /// The surface.
     pub(super) fn surface(&self, system: &SurfaceSystem, total: &Totals) -> Result<Surface> {
-        let (origin, nodes) = (total.sums.origin(), system.pattern().nodes());
-        let vertices = (0..nodes)
-            .map(|node| std::array::from_fn(|d| origin[d] + self.solution[d * nodes + node]))
+        let origin = total.sums.origin();
+        let vertices = (self.solution.chunks_exact(3))
+            .map(|x| [origin[0] + x[0], origin[1] + x[1], origin[2] + x[2]])
             .collect();
         Surface::new(Arc::clone(system.space()), vertices)
     }
-}
-
-/// Node after node with three numbers each, as three columns.
-fn columns_of(vector: &[f64]) -> Vec<f64> {
-    (0..3).flat_map(|d| vector.iter().skip(d).step_by(3).copied()).collect()
 }
 
 /// Coordinates that are no affine function of the parameters; all of them where none is left.
