@@ -18,6 +18,8 @@ struct Body {
     fit: FitReport,
     /// Readings of all sessions that the model holds.
     observations_of_all_sessions: usize,
+    /// Seconds without reading and writing.
+    fit_seconds: f64,
     written: Vec<WrittenFile>,
 }
 
@@ -55,6 +57,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         body: Body {
             fit: done.fit,
             observations_of_all_sessions: done.observations_of_all_sessions,
+            fit_seconds: done.fit_seconds,
             written: done.written,
         },
     })

@@ -13,6 +13,7 @@ use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, read_inputs};
 use planish_mesh::BoundingBox;
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
 pub const LEAST_COEFFICIENTS: usize = 16;
@@ -52,6 +53,8 @@ pub struct FitJobReport {
     pub written: Vec<WrittenFile>,
     /// Readings of all sessions that the model holds.
     pub observations_of_all_sessions: usize,
+    /// Seconds that the fit itself took: without reading and writing files.
+    pub fit_seconds: f64,
 }
 
 /// Reads, fits and writes.
@@ -88,10 +91,12 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
     let fitting = Part::new(progress, 0.05, 0.9);
+    let start = Instant::now();
     let fitted = match &earlier {
         None => fit(&set, &job.options, &fitting),
         Some(earlier) => update(&earlier.model, &set, &job.options, &fitting),
     };
+    let fit_seconds = start.elapsed().as_secs_f64();
     // The fit knows points, not files.
     let fitted = fitted.map_err(|e| match e.kind() {
         ErrorKind::Interrupted => e,
@@ -124,6 +129,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         inputs: set.inputs,
         written,
         observations_of_all_sessions: fitted.model.observations,
+        fit_seconds,
     })
 }
 

@@ -95,6 +95,12 @@ impl Surface {
             .collect()
     }
 
+    /// The thin-plate form of one leaf in the metric of this surface.
+    pub(crate) fn leaf_thin_plate(&self, leaf: usize) -> [[f64; 16]; 16] {
+        self.leaf_energy(self.space(), leaf, &quadrature().map(PointBasis::new))
+            .thin_plate
+    }
+
     fn leaf_energy(&self, space: &Hierarchy, leaf: usize, bases: &[PointBasis; 16]) -> LeafEnergy {
         let mut thin_plate = [[0.0; 16]; 16];
         let mut total_area = 0.0;

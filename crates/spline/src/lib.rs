@@ -26,7 +26,7 @@ pub use field::FieldPoints;
 pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
-pub use moments::{AffineMap, CellMoments, PositionSums};
+pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

@@ -244,38 +244,33 @@ pub struct AffineMap {
 /// Readings sorted by leaf.
 #[derive(Debug, Clone, Default)]
 struct Part {
-    /// Leaf and local coordinates of each reading, in the order in which they came.
-    located: Vec<(u32, [f64; 2])>,
+    /// Each reading and its leaf, in the order in which they came.
+    located: Vec<(u32, Reading)>,
     /// Where each leaf's readings start in `sorted`.
     start: Vec<u32>,
     sorted: Vec<Reading>,
 }
 
-/// Readings as they came.
-#[derive(Clone, Copy)]
-struct Batch<'a> {
-    parameters: &'a [[f64; 2]],
-    positions: &'a [[f64; 3]],
-    information: Option<&'a [f64]>,
-    /// The number of the first.
-    first: usize,
-}
-
-impl<'a> Batch<'a> {
-    /// Some of the readings.
-    fn slice(self, range: Range<usize>) -> Batch<'a> {
-        Batch {
-            parameters: &self.parameters[range.clone()],
-            positions: &self.positions[range.clone()],
-            information: self.information.map(|w| &w[range.clone()]),
-            first: self.first + range.start,
-        }
-    }
+/// A position on a surface, at known parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionReading {
+    /// `(u, v)`, in the units of the base grid.
+    pub parameters: [f64; 2],
+    /// Where it is.
+    pub position: [f64; 3],
+    /// 1/variance of each coordinate.
+    pub information: f64,
 }
 
 impl Part {
-    /// Checks the readings, finds their leaves and sorts by them.
-    fn sort(&mut self, space: &Hierarchy, batch: Batch<'_>, origin: [f64; 3]) -> Result<()> {
+    /// Takes the readings of some numbers, checks them, finds their leaves and sorts by them.
+    fn sort(
+        &mut self,
+        space: &Hierarchy,
+        origin: [f64; 3],
+        numbers: Range<usize>,
+        read: &impl Fn(usize) -> Option<PositionReading>,
+    ) -> Result<()> {
         let [nu, nv] = space.extent();
         // Where a direction is closed every finite parameter will do.
         let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
@@ -286,15 +281,25 @@ impl Part {
         self.located.clear();
         self.start.clear();
         self.start.resize(space.leaves().len() + 1, 0);
-        for (k, &[u, v]) in batch.parameters.iter().enumerate() {
-            if !(inside_u.contains(&u) && inside_v.contains(&v)) {
-                return Err(Error::input(format!(
-                    "reading {}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})",
-                    batch.first + k
-                )));
+        for k in numbers {
+            let Some(reading) = read(k) else { continue };
+            let ([u, v], z) = (reading.parameters, reading.position);
+            let position = [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]];
+            let is_finite = (position[0] + position[1] + position[2]).is_finite();
+            let is_weight = (0.0..=f64::MAX).contains(&reading.information);
+            if !(inside_u.contains(&u) && inside_v.contains(&v) && is_finite && is_weight) {
+                return Err(unusable(k, [nu, nv], &reading));
             }
-            let (leaf, local) = space.locate(u, v);
-            self.located.push((leaf as u32, local));
+            let (leaf, [x, y]) = space.locate(u, v);
+            let local = [2.0 * x - 1.0, 2.0 * y - 1.0];
+            self.located.push((
+                leaf as u32,
+                Reading {
+                    local,
+                    position,
+                    information: reading.information,
+                },
+            ));
             self.start[leaf + 1] += 1;
         }
         let mut sum = 0;
@@ -302,21 +307,11 @@ impl Part {
             sum += *start;
             *start = sum;
         }
-        self.sorted.resize(batch.parameters.len(), Reading::default());
+        self.sorted.resize(self.located.len(), Reading::default());
         // Filling moves every start to the next leaf's; shifted by one they are what they were.
-        for (k, (&(leaf, [x, y]), z)) in self.located.iter().zip(batch.positions).enumerate() {
-            let information = batch.information.map_or(1.0, |w| w[k]);
-            let position = [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]];
-            let is_finite = (position[0] + position[1] + position[2]).is_finite();
-            if !(is_finite && (0.0..=f64::MAX).contains(&information)) {
-                return Err(unusable(batch.first + k, *z, information));
-            }
+        for &(leaf, reading) in &self.located {
             let place = &mut self.start[leaf as usize];
-            self.sorted[*place as usize] = Reading {
-                local: [2.0 * x - 1.0, 2.0 * y - 1.0],
-                position,
-                information,
-            };
+            self.sorted[*place as usize] = reading;
             *place += 1;
         }
         self.start.rotate_right(1);
@@ -355,7 +350,7 @@ impl PositionSums {
     /// give the same bytes as one call, at any number of threads.
     ///
     /// # Errors
-    /// `Input`, with the number of the reading counted from the first that was ever added, when parameters lie outside the domain of an open
+    /// `Input`, with the number of the reading, when parameters lie outside the domain of an open
     /// direction, an information is negative, anything is not finite, or the slices differ in length. Readings of whole batches before
     /// it have been added then.
     pub fn add(
@@ -372,34 +367,51 @@ impl PositionSums {
                 information.map_or(parameters.len(), <[f64]>::len)
             )));
         }
-        let Some(&first) = positions.first() else {
-            return Ok(());
+        self.add_from(parameters.len(), |k| {
+            Some(PositionReading {
+                parameters: parameters[k],
+                position: positions[k],
+                information: information.map_or(1.0, |w| w[k]),
+            })
+        })
+    }
+
+    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below `size`, none to pass over one.
+    ///
+    /// # Errors
+    /// As for [`Self::add`]; the number in messages is `k`.
+    pub fn add_from(&mut self, size: usize, read: impl Fn(usize) -> Option<PositionReading> + Sync) -> Result<()> {
+        let origin = match self.origin {
+            Some(origin) => origin,
+            None => match (0..size).find_map(|k| Some((k, read(k)?))) {
+                None => return Ok(()),
+                Some((k, first)) if !first.position.iter().all(|x| x.is_finite()) => {
+                    return Err(unusable(k, self.space.extent(), &first));
+                }
+                Some((_, first)) => *self.origin.insert(first.position),
+            },
         };
-        if !first.iter().all(|x| x.is_finite()) {
-            return Err(unusable(self.count, first, 0.0));
-        }
-        let origin = *self.origin.get_or_insert(first);
-        let all = Batch {
-            parameters,
-            positions,
-            information,
-            first: self.count,
-        };
-        for start in (0..parameters.len()).step_by(PART * PARTS) {
-            self.add_batch(all.slice(start..parameters.len().min(start + PART * PARTS)), origin)?;
+        for start in (0..size).step_by(PART * PARTS) {
+            self.add_batch(start..size.min(start + PART * PARTS), origin, &read)?;
         }
         Ok(())
     }
 
-    fn add_batch(&mut self, batch: Batch<'_>, origin: [f64; 3]) -> Result<()> {
-        let (space, size) = (&*self.space, batch.parameters.len());
-        let parts = size.div_ceil(PART);
+    fn add_batch(
+        &mut self,
+        numbers: Range<usize>,
+        origin: [f64; 3],
+        read: &(impl Fn(usize) -> Option<PositionReading> + Sync),
+    ) -> Result<()> {
+        let space = &*self.space;
+        let parts = numbers.len().div_ceil(PART);
         if self.parts.len() < parts {
             self.parts.resize_with(parts, Part::default);
         }
         let parts = &mut self.parts[..parts];
         (parts.par_iter_mut().enumerate()).try_for_each(|(p, part)| {
-            part.sort(space, batch.slice(p * PART..size.min((p + 1) * PART)), origin)
+            let first = numbers.start + p * PART;
+            part.sort(space, origin, first..numbers.end.min(first + PART), read)
         })?;
         let parts = &*parts;
         let arch = pulp::Arch::new();
@@ -410,7 +422,7 @@ impl PositionSums {
                 cells,
             });
         });
-        self.count += size;
+        self.count += parts.iter().map(|part| part.sorted.len()).sum::<usize>();
         Ok(())
     }
 
@@ -549,14 +561,19 @@ impl CellMoments {
 
 /// What is wrong with a reading.
 #[cold]
-fn unusable(reading: usize, position: [f64; 3], information: f64) -> Error {
-    if (0.0..=f64::MAX).contains(&information) {
-        Error::input(format!("reading {reading}: needed finite coordinates, found {position:?}"))
+fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Error {
+    let PositionReading {
+        parameters: [u, v],
+        position,
+        information,
+    } = *reading;
+    Error::input(if !(0.0..=f64::MAX).contains(&information) {
+        format!("reading {number}: needed an information (1/variance) that is finite and not negative, found {information}")
+    } else if position.iter().all(|x| x.is_finite()) {
+        format!("reading {number}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
     } else {
-        Error::input(format!(
-            "reading {reading}: needed an information (1/variance) that is finite and not negative, found {information}"
-        ))
-    }
+        format!("reading {number}: needed finite coordinates, found {position:?}")
+    })
 }
 
 /// Some cells and all that the parts of a batch have for them.

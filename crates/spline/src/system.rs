@@ -7,7 +7,7 @@ use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor,
 };
@@ -220,6 +220,18 @@ impl SurfaceSystem {
     /// `Input` when the matrix would be too large.
     pub fn thin_plate(&self, reference: &Surface) -> Result<BlockInformation> {
         self.assemble_energy(&reference.thin_plate(&self.space))
+    }
+
+    /// [`Self::thin_plate`] of a uniform grid over an affine reference: every leaf has the form of the first.
+    ///
+    /// # Errors
+    /// `Input` when the grid is not uniform, or the matrix would be too large.
+    pub fn thin_plate_over_plane(&self, reference: &Surface) -> Result<BlockInformation> {
+        if self.space.levels() > 1 {
+            return Err(Error::input("the leaves of a hierarchy are not all alike"));
+        }
+        let form = reference.leaf_thin_plate(0);
+        self.assemble_forms(|_| form)
     }
 
     /// The matrix `K` of one coordinate from the energies of all leaves.

@@ -21,18 +21,16 @@ use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
 use planish_exchange::{ScanSet, Unit};
 use planish_mesh::BoundingBox;
 use planish_sense::Noise;
-use planish_spline::{Hierarchy, PositionSums, Shape, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{Hierarchy, PositionReading, PositionSums, Shape, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Readings that are looked at together.
-const CHUNK: usize = 1 << 18;
 /// Readings that one task looks at.
 const TASK: usize = 1 << 13;
 /// So many held-out readings judge any fit.
-const ENOUGH_HELD_OUT: f64 = 10_000.0;
+const ENOUGH_HELD_OUT: f64 = 5_000.0;
 /// Residuals that are enough to find the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
 /// Rounds of weighing and gating, and what must change for another: shares of a variance, and of the readings.
@@ -171,71 +169,90 @@ impl<'a> Readings<'a> {
     /// The sums of each sensor's readings that are fitted.
     fn sum(&self, space: &Arc<Hierarchy>, progress: &dyn Progress) -> Result<Vec<PositionSums>> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
-        let (mut at, mut points, mut information) = (Vec::new(), Vec::new(), Vec::new());
         for (s, posed) in self.set.scans.iter().enumerate() {
-            let size = posed.scan.points.len();
-            for start in (0..size).step_by(CHUNK) {
-                progress.check("adding up", 0.1)?;
-                at.clear();
-                points.clear();
-                information.clear();
-                for reading in (start..size.min(start + CHUNK)).map(|k| self.reading(s, k)) {
-                    if reading.role == Role::Fitted {
-                        at.push(reading.at);
-                        points.push(reading.point);
-                        information.push(reading.information);
-                    }
-                }
-                sums[posed.sensor]
-                    .add(&at, &points, Some(&information))
-                    .map_err(|e| e.in_context(&posed.scan.name))?;
-            }
+            progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
+            let read = |k| {
+                let reading = self.reading(s, k);
+                (reading.role == Role::Fitted).then_some(PositionReading {
+                    parameters: reading.at,
+                    position: reading.point,
+                    information: reading.information,
+                })
+            };
+            sums[posed.sensor]
+                .add_from(posed.scan.points.len(), read)
+                .map_err(|e| e.in_context(&posed.scan.name))?;
         }
         Ok(sums)
     }
 
-    /// The readings of a scan outside the gate, given each sensor's variance over that stated.
-    fn outside(&self, surface: &Evaluation, measured: [bool; 3], variances: &[f64]) -> Result<Vec<Vec<u32>>> {
+    /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals of those inside sum up to.
+    fn examine(&self, surface: &Evaluation, variances: &[f64]) -> Result<Examined> {
         let gate2 = self.options.gate * self.options.gate;
         let parts = self.in_tasks(|s, range| {
             let limit = gate2 * variances[self.set.scans[s].sensor];
-            let found: Vec<u32> = range
-                .filter(|&k| {
-                    let reading = self.reading(s, k);
-                    let r = surface.residual(&reading);
-                    reading.role != Role::HeldOut
-                        && (0..3).any(|d| measured[d] && r[d] * r[d] * reading.information > limit)
-                })
-                .map(|k| k as u32)
-                .collect();
-            (s, found)
+            let mut part = (s, Vec::new(), Residuals::default(), Residuals::default());
+            for k in range {
+                let reading = self.reading(s, k);
+                if reading.role == Role::HeldOut {
+                    continue;
+                }
+                let (mut square, mut largest) = (0.0, 0.0_f64);
+                for r in surface.residual(&reading) {
+                    square += r * r;
+                    largest = largest.max(r * r);
+                }
+                let residual = Residuals {
+                    count: 1,
+                    square,
+                    weighted: reading.information * square,
+                    variance: 1.0 / reading.information,
+                };
+                if largest * reading.information > limit {
+                    part.1.push(k as u32);
+                    part.3.add(&residual);
+                } else {
+                    part.2.add(&residual);
+                }
+            }
+            part
         });
-        let mut outside = vec![Vec::new(); self.set.scans.len()];
-        for (s, found) in parts {
-            outside[s].extend(found);
+        let mut gated = vec![Vec::new(); self.set.scans.len()];
+        let mut inside = vec![Residuals::default(); self.set.sensors.len()];
+        let mut outside = inside.clone();
+        for (s, found, kept, left) in parts {
+            let sensor = self.set.scans[s].sensor;
+            gated[s].extend(found);
+            inside[sensor].add(&kept);
+            outside[sensor].add(&left);
         }
         // What noise alone puts there is not put there by anything else.
         let beyond = 1.0 - TruncatedNormal::new(self.options.gate)?.share_kept();
-        let coordinates = measured.iter().filter(|m| **m).count();
-        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
-        let expected = beyond * (coordinates * total) as f64;
-        let found: usize = outside.iter().map(Vec::len).sum();
+        let coordinates = surface.coordinates.len();
+        let count: usize = inside.iter().chain(&outside).map(|r| r.count).sum();
+        let expected = beyond * (coordinates * count) as f64;
+        let found: usize = outside.iter().map(|r| r.count).sum();
         if found as f64 <= expected + 4.0 * expected.sqrt() + 1.0 {
-            outside.iter_mut().for_each(Vec::clear);
+            gated.iter_mut().for_each(Vec::clear);
+            for (inside, outside) in inside.iter_mut().zip(&outside) {
+                inside.add(outside);
+            }
         }
-        Ok(outside)
+        Ok(Examined {
+            gated,
+            residuals: inside,
+        })
     }
 
     /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the gate.
-    fn robust_variances(&self, surface: &Evaluation, measured: [bool; 3]) -> Result<Vec<f64>> {
+    fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
         let step = (total / ENOUGH_FOR_SCALE).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
             for reading in (0..posed.scan.points.len()).step_by(step).map(|k| self.reading(s, k)) {
-                let r = surface.residual(&reading);
                 let weight = reading.information.sqrt();
-                residuals[posed.sensor].extend((0..3).filter(|&d| measured[d]).map(|d| r[d] * weight));
+                residuals[posed.sensor].extend(surface.residual(&reading).map(|r| r * weight));
             }
         }
         (residuals.iter())
@@ -247,31 +264,67 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// Sixteen coefficients of every leaf: a surface that is quick to ask.
-struct Evaluation {
-    space: Arc<Hierarchy>,
-    coefficients: Vec<[[f64; 3]; 16]>,
+/// What the gate makes of the readings.
+struct Examined {
+    /// Numbers of those outside, scan by scan, ascending.
+    gated: Vec<Vec<u32>>,
+    /// Sums over those inside, sensor by sensor.
+    residuals: Vec<Residuals>,
 }
 
+/// The measured coordinates of a surface as polynomials on every leaf: a surface that is quick to ask.
+struct Evaluation {
+    space: Arc<Hierarchy>,
+    /// Which coordinates are measured.
+    coordinates: Vec<usize>,
+    /// For each leaf and measured coordinate, coefficient of `xⁱ yʲ` at `[j][i]`.
+    polynomials: Vec<[[f64; 4]; 4]>,
+}
+
+/// Coefficient of `xⁱ` in the cubic B-spline weight `k` of a cell, times 6.
+const WEIGHTS_6: [[f64; 4]; 4] = [
+    [1.0, -3.0, 3.0, -1.0],
+    [4.0, 0.0, -6.0, 3.0],
+    [1.0, 3.0, 3.0, -3.0],
+    [0.0, 0.0, 0.0, 1.0],
+];
+
 impl Evaluation {
-    fn new(surface: &Surface) -> Self {
+    fn new(surface: &Surface, measured: [bool; 3]) -> Self {
+        let coordinates: Vec<usize> = (0..3).filter(|&d| measured[d]).collect();
+        let coefficients = surface.space().leaf_coefficients(surface.vertices());
+        let polynomials = (coefficients.iter())
+            .flat_map(|c| {
+                coordinates.iter().map(|&d| {
+                    let mut polynomial = [[0.0; 4]; 4];
+                    for (k, c) in c.iter().enumerate() {
+                        for j in 0..4 {
+                            for i in 0..4 {
+                                polynomial[j][i] += WEIGHTS_6[k / 4][j] * WEIGHTS_6[k % 4][i] * c[d] / 36.0;
+                            }
+                        }
+                    }
+                    polynomial
+                })
+            })
+            .collect();
         Self {
             space: Arc::clone(surface.space()),
-            coefficients: surface.space().leaf_coefficients(surface.vertices()),
+            coordinates,
+            polynomials,
         }
     }
 
-    /// Reading minus surface.
+    /// Reading minus surface, in the measured coordinates.
     #[inline]
-    fn residual(&self, reading: &Reading) -> [f64; 3] {
-        let (leaf, local) = self.space.locate(reading.at[0], reading.at[1]);
-        let mut r = reading.point;
-        for (b, c) in leaf_weights(local[0], local[1]).iter().zip(&self.coefficients[leaf]) {
-            for d in 0..3 {
-                r[d] -= b * c[d];
-            }
-        }
-        r
+    fn residual(&self, reading: &Reading) -> impl Iterator<Item = f64> {
+        let (leaf, [x, y]) = self.space.locate(reading.at[0], reading.at[1]);
+        let many = self.coordinates.len();
+        let own = &self.polynomials[leaf * many..(leaf + 1) * many];
+        self.coordinates.iter().zip(own).map(move |(&d, p)| {
+            let [a, b, c, e] = p.map(|row| ((row[3] * x + row[2]) * x + row[1]) * x + row[0]);
+            reading.point[d] - (((e * y + c) * y + b) * y + a)
+        })
     }
 }
 
@@ -316,6 +369,7 @@ pub(super) fn fit_known(
     let mut sums = readings.sum(&space, progress)?;
     let mut variances = vec![1.0; set.sensors.len()];
     let mut smoothing: Option<Smoothing> = None;
+    let mut residuals = Vec::new();
     let mut reached_limit = true;
     for round in 0..MOST_ROUNDS {
         progress.check("smoothing", 0.3 + 0.05 * round as f64)?;
@@ -332,18 +386,18 @@ pub(super) fn fit_known(
             }
             Some(earlier) => earlier.again(&system, &total)?,
         };
-        let surface = Evaluation::new(&next.surface(&system, &total)?);
-        let measured = next.measured;
+        let surface = Evaluation::new(&next.surface(&system, &total)?, next.measured);
         smoothing = Some(next);
+        progress.check("gating", 0.32 + 0.05 * round as f64)?;
+        let now = readings.robust_variances(&surface)?;
+        let examined = readings.examine(&surface, &now)?;
+        residuals = examined.residuals;
         if round + 1 == MOST_ROUNDS {
             break;
         }
-        progress.check("gating", 0.32 + 0.05 * round as f64)?;
-        let now = readings.robust_variances(&surface, measured)?;
-        let outside = readings.outside(&surface, measured, &now)?;
         let settled = variances.len() == 1
             || (now.iter().zip(&variances)).all(|(a, b)| (a / b - 1.0).abs() < SETTLED_VARIANCE);
-        let changed = difference(&readings.gated, &outside);
+        let changed = difference(&readings.gated, &examined.gated);
         if settled && changed as f64 <= SETTLED_GATE * total.sums.count() as f64 {
             reached_limit = false;
             break;
@@ -352,7 +406,7 @@ pub(super) fn fit_known(
             variances = now;
         }
         if changed > 0 {
-            readings.gated = outside;
+            readings.gated = examined.gated;
             sums = readings.sum(&space, progress)?;
         }
     }
@@ -364,6 +418,7 @@ pub(super) fn fit_known(
         sums,
         variances,
         smoothing,
+        residuals,
         reached_limit,
     };
     solved.finish(&readings, progress)
@@ -387,6 +442,7 @@ struct Solved {
     /// Each sensor's variance over that stated, up to a factor common to all; 1 for one sensor.
     variances: Vec<f64>,
     smoothing: Smoothing,
+    residuals: Vec<Residuals>,
     reached_limit: bool,
 }
 
@@ -397,6 +453,7 @@ impl Solved {
             sums,
             variances,
             smoothing,
+            residuals,
             reached_limit,
         } = self;
         let set = readings.set;
@@ -404,7 +461,7 @@ impl Solved {
         let coordinates = measured.iter().filter(|m| **m).count() as f64;
         let total = Totals::new(&sums, &variances, &system)?;
         let surface = smoothing.surface(&system, &total)?;
-        let evaluation = Evaluation::new(&surface);
+        let evaluation = Evaluation::new(&surface, measured);
         progress.check("covariance", 0.8)?;
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
         let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
@@ -412,7 +469,6 @@ impl Solved {
         // σ² of the readings: residuals over what is left of their number.
         let inverse = SelectedInverse::new(&smoothing.factor);
         let degrees = coordinates * inverse.trace_with(&total.information)?;
-        let residuals = readings.residuals(&evaluation, measured);
         let count: usize = residuals.iter().map(|r| r.count).sum();
         let weighted: f64 = residuals.iter().zip(&variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (coordinates * count as f64 - degrees).max(1.0);
@@ -461,7 +517,7 @@ impl Solved {
         let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));
         let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
         progress.check("figures", 0.9)?;
-        let held_out = readings.judge(&evaluation, &posterior, measured, scale, &variances)?;
+        let held_out = readings.judge(&evaluation, &posterior, scale, &variances)?;
         let sigma = posterior.sigma_summary(&model.observed)?;
         let areas = leaf_areas(&model.surface);
         let observed_area: f64 = areas.iter().zip(&model.observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
@@ -505,77 +561,60 @@ impl Solved {
 }
 
 impl Readings<'_> {
-    /// Sums of the fitted readings' residuals, sensor by sensor.
-    fn residuals(&self, surface: &Evaluation, measured: [bool; 3]) -> Vec<Residuals> {
-        let parts = self.in_tasks(|s, range| {
-            let mut sum = Residuals::default();
-            for reading in range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::Fitted) {
-                let r = surface.residual(&reading);
-                let square: f64 = (0..3).filter(|&d| measured[d]).map(|d| r[d] * r[d]).sum();
-                sum.add(&Residuals {
-                    count: 1,
-                    square,
-                    weighted: reading.information * square,
-                    variance: 1.0 / reading.information,
-                });
-            }
-            (s, sum)
-        });
-        let mut residuals = vec![Residuals::default(); self.set.sensors.len()];
-        for (s, sum) in parts {
-            residuals[self.set.scans[s].sensor].add(&sum);
-        }
-        residuals
-    }
-
     /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
     fn judge(
         &self,
         surface: &Evaluation,
         posterior: &Posterior<'_>,
-        measured: [bool; 3],
         scale: f64,
         variances: &[f64],
     ) -> Result<HeldOut> {
         let gate = self.options.gate;
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let parts = self.in_tasks(|s, range| -> Result<(usize, usize, f64)> {
-            let (mut n, mut kept, mut sum) = (0, 0, 0.0);
-            for reading in range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::HeldOut) {
-                let r = surface.residual(&reading);
-                let (leaf, local) = surface.space.locate(reading.at[0], reading.at[1]);
-                let cell = posterior.leaf(leaf)?;
-                let of_reading = scale * variances[self.set.scans[s].sensor] / reading.information;
-                let mut inside = true;
-                let mut squares = 0.0;
-                for d in (0..3).filter(|&d| measured[d]) {
-                    let of_surface = cell.variance_along(&leaf_weights(local[0], local[1]), axes[d]);
-                    let square = r[d] * r[d] / (of_reading + of_surface);
-                    inside &= square <= gate * gate;
-                    squares += square;
-                }
-                if inside {
-                    n += 1;
-                    kept += measured.iter().filter(|m| **m).count();
-                    sum += squares;
-                }
-            }
-            Ok((n, kept, sum))
+        let Some(&measured) = surface.coordinates.first() else {
+            return Err(Error::undetermined("no coordinate was measured"));
+        };
+        let mut axis = [0.0; 3];
+        axis[measured] = 1.0;
+        // By leaves: their covariance is what takes long.
+        let parts = self.in_tasks(|s, range| {
+            let held_out = range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::HeldOut);
+            let located = held_out.map(|reading| (surface.space.locate(reading.at[0], reading.at[1]), s, reading));
+            located.collect::<Vec<_>>()
         });
-        let (mut n, mut kept, mut sum) = (0, 0, 0.0);
-        for part in parts {
-            let (a, b, c) = part?;
-            (n, kept, sum) = (n + a, kept + b, sum + c);
-        }
-        if n == 0 {
+        let mut held_out: Vec<_> = parts.into_iter().flatten().collect();
+        held_out.sort_by_key(|((leaf, _), _, _)| *leaf);
+        let judged: Vec<Option<f64>> = held_out
+            .chunk_by(|a, b| a.0.0 == b.0.0)
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map(|of_leaf| {
+                let cell = posterior.leaf(of_leaf[0].0.0)?;
+                let judge = |((_, local), s, reading): &((usize, [f64; 2]), usize, Reading)| {
+                    let of_surface = cell.variance_along(&leaf_weights(local[0], local[1]), axis);
+                    let of_reading = scale * variances[self.set.scans[*s].sensor] / reading.information;
+                    let (mut largest, mut squares) = (0.0_f64, 0.0);
+                    for r in surface.residual(reading) {
+                        let square = r * r / (of_reading + of_surface);
+                        largest = largest.max(square);
+                        squares += square;
+                    }
+                    (largest <= gate * gate).then_some(squares)
+                };
+                Ok(of_leaf.iter().map(judge).collect::<Vec<_>>())
+            })
+            .collect::<Result<Vec<_>>>()?
+            .concat();
+        let kept: Vec<f64> = judged.into_iter().flatten().collect();
+        if kept.is_empty() {
             return Ok(HeldOut {
                 n: 0,
                 rms_normalised: f64::NAN,
             });
         }
+        let mean = kept.iter().sum::<f64>() / (kept.len() * surface.coordinates.len()) as f64;
         Ok(HeldOut {
-            n,
-            rms_normalised: (sum / kept as f64 / kept_variance(gate)?).sqrt(),
+            n: kept.len(),
+            rms_normalised: (mean / kept_variance(gate)?).sqrt(),
         })
     }
 }

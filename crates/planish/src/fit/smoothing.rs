@@ -56,10 +56,18 @@ pub(super) struct Smoothing {
 impl Smoothing {
     /// Finds the weight in the metric of a reference surface.
     pub(super) fn new(system: &SurfaceSystem, reference: &Surface, total: &Totals) -> Result<Self> {
-        let energy = system.thin_plate(reference)?;
         let space = system.space();
         let leaves = space.leaves().len();
-        let area: f64 = (0..leaves).map(|leaf| reference.leaf_area(leaf)).sum();
+        let (energy, area) = if space.shape() == Shape::Sheet {
+            // Its reference is affine.
+            (
+                system.thin_plate_over_plane(reference)?,
+                leaves as f64 * reference.leaf_area(0),
+            )
+        } else {
+            let areas = (0..leaves).map(|leaf| reference.leaf_area(leaf));
+            (system.thin_plate(reference)?, areas.sum())
+        };
         // Smooth over one cell to begin with.
         let readings: f64 = total.sums.weight();
         let start = readings / area * (area / leaves as f64).powi(2);
