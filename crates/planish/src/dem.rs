@@ -1,7 +1,8 @@
 //! Terrain rasters: the height of a sheet and its vertical σ at the middle of every cell of a grid.
 //!
 //! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
-//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not measured hold nothing.
+//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not measured hold nothing, nor do those
+//! whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf with readings at one end is the prior's guess at the other.
 //!
 //! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its normal `n` by
 //! `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
@@ -18,6 +19,9 @@ use rayon::prelude::*;
 
 /// A raster takes no more cells than this: three gigabytes before they are compressed.
 pub const MOST_CELLS: f64 = 4e8;
+
+/// Heights whose σ is more than so many times the median of all are guesses, and left out.
+pub const MOST_MEDIANS: f64 = 30.0;
 
 /// The share of places that may lie under an overhang; they are left out.
 const MOST_OVERHANGS: f64 = 0.01;
@@ -108,8 +112,14 @@ pub fn dem_from_model(
     let normals: Vec<[f64; 3]> = places.iter().map(|p| p.normal).collect();
     let sigmas = sigmas_along(posterior, &leaves, &local, &normals)?;
     let mut values = vec![[NODATA; 2]; columns * rows];
-    for (place, sigma) in places.iter().zip(&sigmas) {
-        values[place.cell] = [place.height as f32, (sigma / place.normal[2].abs()) as f32];
+    let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
+    let mut sorted = vertical.clone();
+    sorted.sort_by(f64::total_cmp);
+    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MOST_MEDIANS * median);
+    let mut known = 0;
+    for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= most) {
+        values[place.cell] = [place.height as f32, sigma as f32];
+        known += 1;
     }
     let mut warnings = Vec::new();
     if overhangs > 0 {
@@ -133,7 +143,7 @@ pub fn dem_from_model(
             unit: model.unit,
             georeference,
         },
-        known: places.len(),
+        known,
         warnings,
     })
 }

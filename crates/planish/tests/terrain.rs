@@ -159,7 +159,11 @@ fn the_reference_samples_are_told_apart() {
         let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
         let sigma = fit.report.sensors[0].sigma_estimated;
         let heights: Vec<f64> = (points.iter())
-            .map(|&p| surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default()).height)
+            .map(|&p| {
+                surface
+                    .project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default())
+                    .height
+            })
             .collect();
         for most in [4.0 * sigma, 0.3, 0.4, 0.5, 0.6] {
             let near: Vec<bool> = heights.iter().map(|h| h.abs() < most).collect();

@@ -78,7 +78,7 @@ fn a_steep_hillside_is_ground_and_its_house_is_not() {
         }
     });
     let [lost, kept] = errors(&points, &truth, &GroundOptions::for_unit(1.0));
-    assert!(lost < 0.02 && kept < 0.02, "{lost} {kept}");
+    assert!(lost < 0.03 && kept < 0.02, "{lost} {kept}");
 }
 
 #[test]
