@@ -70,6 +70,8 @@ impl GroundOptions {
 
 /// A raster takes no more cells than this.
 const MOST_CELLS: f64 = 4e8;
+/// A cell is no smaller than this share of the spacing of points: of cells that small a third hold one or more.
+const SPACINGS: f64 = 0.6;
 /// A cell this many times its side below all of its neighbours holds an error, not a pit.
 const DEEP: f32 = 5.0;
 
@@ -122,7 +124,7 @@ pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<V
         *known &= !deep;
     }
     let mut surface = filled.clone();
-    for radius in 1..=((0.5 * widest / frame.cell).ceil() as usize).max(1) {
+    for radius in radii((0.5 * widest / frame.cell).ceil() as usize) {
         let lower = self::opened(&surface, radius);
         let drop = (slope * radius as f64 * frame.cell) as f32;
         for ((before, after), ground) in surface.values.iter().zip(&lower.values).zip(&mut ground) {
@@ -150,6 +152,13 @@ pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<V
         below: SECOND_BELOW,
     };
     Ok(second.judged(points, &frame, options))
+}
+
+/// Every radius up to eight cells, every second up to sixteen, every fourth up to 32 and so on, and the widest.
+fn radii(widest: usize) -> impl Iterator<Item = usize> {
+    let next = |r: &usize| Some(r + (1 << (r / 4).max(1).ilog2()));
+    let widest = widest.max(1);
+    (std::iter::successors(Some(1), next).take_while(move |r| *r < widest)).chain([widest])
 }
 
 /// Of the measure, what is left at the second look, and how much wider it is below the ground than above: nothing stands below it. On the nine
@@ -204,7 +213,7 @@ impl Frame {
         }
         let [width, depth] = [0, 1].map(|d| high[d] - low[d]);
         let spacing = (width * depth / points.len() as f64).sqrt();
-        let cell = cell.max(spacing);
+        let cell = cell.max(SPACINGS * spacing);
         let [columns, rows] = [width, depth].map(|side| (side / cell).floor() + 1.0);
         if columns * rows > MOST_CELLS {
             return Err(Error::input(format!(

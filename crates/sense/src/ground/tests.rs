@@ -135,6 +135,15 @@ fn threads_do_not_change_what_is_ground() {
 }
 
 #[test]
+fn radii_reach_the_widest() {
+    assert_eq!(radii(0).collect::<Vec<_>>(), [1]);
+    assert_eq!(
+        radii(18).collect::<Vec<_>>(),
+        [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18]
+    );
+}
+
+#[test]
 fn a_disc_takes_the_lowest_cell_within_its_radius() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let (columns, rows) = (37, 150);
