@@ -162,7 +162,7 @@ fn radii(widest: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Of the measure, what is left at the second look, and how much wider it is below the ground than above: nothing stands below it. On the nine
-/// samples of Sithole and Vosselman at hand the second look brought the mean total error from 4.4 % to 4.0 %.
+/// samples of Sithole and Vosselman at hand the second look brought the mean total error from 4.4 % to 4.0 %, and the steps of the radii to 3.65 %.
 const SECOND_SHARE: f64 = 0.8;
 const SECOND_BELOW: f64 = 2.0;
 
