@@ -75,6 +75,7 @@ pub enum UnitName {
     Mm,
     M,
     In,
+    Ft,
 }
 
 impl From<UnitName> for Unit {
@@ -83,6 +84,7 @@ impl From<UnitName> for Unit {
             UnitName::Mm => Self::Millimetre,
             UnitName::M => Self::Metre,
             UnitName::In => Self::Inch,
+            UnitName::Ft => Self::Foot,
         }
     }
 }
@@ -135,6 +137,7 @@ Examples:
   planish fit examples/data/pebble/job.toml -o part.step -o part.ply -o part.planish
   planish fit bun.conf --unit m -o bunny.step
   planish fit today.ply --update part.planish -o newer.planish
+  planish fit tile.laz --ground -o ground.tif
 
 Scans are .ply, .pcd, .las, .laz, .xyz, .txt, .asc, .csv or .pts; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
 names the sensors and their σ). A σ that nobody states is estimated from the data; one that the data contradict is \
@@ -143,6 +146,7 @@ reported and replaced. All lengths are in the unit of the files.
 Outputs, by extension:
   .step .stp   the exact surface, for CAD programs
   .ply         a mesh; each vertex has its normal, σ along it, and whether it was measured
+  .tif .tiff   heights and their σ on a grid, of a sheet over z (GeoTIFF)
   .planish     the model with its covariance, for `compare` and for `fit --update`";
 
 /// Arguments of `planish fit`.
@@ -152,7 +156,7 @@ pub struct FitArgs {
     /// Scans (.ply, .pcd, .xyz, .csv, …) and lists of scans (.conf, .toml)
     #[arg(required = true, value_name = "SCAN", value_hint = ValueHint::FilePath)]
     pub scans: Vec<PathBuf>,
-    /// Write the model; the extension says how (.step, .ply, .planish); may be given several times
+    /// Write the model; the extension says how (.step, .ply, .tif, .planish); may be given several times
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
 
@@ -185,6 +189,16 @@ pub struct FitArgs {
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
     pub mesh_tolerance: Option<f64>,
 
+    /// Side of the cells of a .tif raster, as a length [default: about the spacing of the readings]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
+    pub cell_size: Option<f64>,
+
+    /// Fit the bare earth under points from above (z up): leave out what stands on it and is no wider than WIDTH, as a length
+    /// [default width: 36 m]; classes of the file that tell the ground are believed
+    #[arg(long, value_name = "WIDTH", value_parser = positive, num_args = 0..=1, require_equals = true,
+          help_heading = "Readings")]
+    #[allow(clippy::option_option, reason = "clap's way of an option whose value is optional")]
+    pub ground: Option<Option<f64>>,
     /// Set readings aside that lie farther from the surface than this many σ
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate, allow_negative_numbers = true,
           help_heading = "Readings")]

@@ -3,7 +3,7 @@
 use crate::args::FitArgs;
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
-use planish::fit::{FitOptions, FitReport, FitTermination};
+use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
@@ -38,6 +38,9 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             shape: args.shape.map(Into::into),
             known_parameters: args.known_uv,
             tolerance: args.tolerance,
+            ground: args
+                .ground
+                .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             max_coefficients: args.max_coefficients,
             gate: args.gate,
             held_out_share: args.held_out,
@@ -45,6 +48,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             ..FitOptions::default()
         },
         mesh_tolerance: args.mesh_tolerance,
+        cell_size: args.cell_size,
         arguments: deciding_arguments(args),
     };
     let done = fit_files(&job, progress)?;
@@ -83,6 +87,8 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
+    let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
+    option("--ground", args.ground.map(ground));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
     option(
         "--max-coefficients",
@@ -268,6 +274,14 @@ fn contents(file: &WrittenFile, unit: Unit) -> String {
             counted(file.triangles.unwrap_or(0), "triangle"),
             significant(file.tolerance.unwrap_or(f64::NAN), 2)
         ),
+        OutputFormat::Tiff => {
+            let [columns, rows, known] = file.cells.unwrap_or_default();
+            format!(
+                "heights and their σ in {columns} × {rows} cells of {} {unit}, {} known",
+                significant(file.cell_size.unwrap_or(f64::NAN), 3),
+                percent(known as f64 / (columns * rows).max(1) as f64)
+            )
+        }
         OutputFormat::Planish => "the model with its covariance".to_owned(),
     }
 }

@@ -3,7 +3,7 @@
 //! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class of every point where the
 //! file tells any apart. Points that are marked as withheld are not read.
 //!
-//! Not guaranteed: the coordinate reference system is not looked at; coordinates are in the file's own units, whatever they are.
+//! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the same unit.
 
 use std::io::BufReader;
 use std::path::Path;
@@ -12,6 +12,7 @@ use las::{PointDataBuilder, Reader};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
+use crate::GeoReference;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
@@ -27,6 +28,32 @@ pub fn read_las(path: &Path) -> Result<Scan> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     scan_from(path, &name).map_err(|e| e.in_context(path.display()))
 }
+
+/// The map that the header names, where it names any.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// when its header is malformed.
+pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
+    let header = open_file(path)
+        .and_then(|(file, _)| {
+            Reader::new(BufReader::new(file)).map_err(|e| {
+                Error::input("the header cannot be read: the file is damaged or no LAS file").with_source(e)
+            })
+        })
+        .map_err(|e| e.in_context(path.display()))?;
+    let record = |number: u16| {
+        let mut all = header.header().all_vlrs();
+        all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number)
+            .map(|vlr| vlr.data.as_slice())
+    };
+    let keys = record(34735)
+        .and_then(|keys| GeoReference::from_keys(keys, record(34736).unwrap_or(&[]), record(34737).unwrap_or(&[])));
+    Ok(keys.or_else(|| record(2112).and_then(|wkt| GeoReference::from_wkt(&String::from_utf8_lossy(wkt)))))
+}
+
+/// Who defines the records that hold a map.
+const PROJECTION: &str = "LASF_Projection";
 
 fn scan_from(path: &Path, name: &str) -> Result<Scan> {
     let (file, length) = open_file(path)?;

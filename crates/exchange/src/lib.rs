@@ -8,12 +8,14 @@
 //! | [`las`] | LAS, LAZ | points and their classes in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
+//! | [`geotiff`] | GeoTIFF | heights and their σ out |
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
 //! | [`model`] | `.planish` (safetensors) | saved models, in and out |
 //!
 //! [`read_inputs`] takes a list of any of the files that hold scans; PLY, PCD and text may be compressed by gzip. Everything is written by [`write_atomically`]: a
 //! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
 
+pub mod geotiff;
 pub mod job;
 pub mod las;
 pub mod model;
@@ -24,6 +26,7 @@ pub mod vrip;
 pub mod xyz;
 
 mod atomic;
+mod georeference;
 mod numbers;
 mod points;
 mod scans;
@@ -31,6 +34,7 @@ mod source;
 mod unit;
 
 pub use atomic::{Writer, check_writable, make_folder, real_path, write_atomically};
+pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::extension;
 pub use unit::Unit;

@@ -12,14 +12,14 @@ use planish_estimate::{Error, Result};
 use planish_sense::{Pose, Scan, Sensor, SensorKind, Viewing};
 use rayon::prelude::*;
 
-use crate::Unit;
 use crate::job::read_job;
-use crate::las::read_las;
+use crate::las::{read_georeference, read_las};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::source::extension;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
+use crate::{GeoReference, Unit};
 
 /// Everything that was read for one fit.
 #[derive(Debug, Clone, Default)]
@@ -30,6 +30,8 @@ pub struct ScanSet {
     pub sensors: Vec<Sensor>,
     /// The scans, in the order in which they were named.
     pub scans: Vec<PosedScan>,
+    /// The map that the coordinates belong to, where every scan names the same.
+    pub georeference: Option<GeoReference>,
     /// Every file that was read, lists before what they list.
     pub inputs: Vec<InputFile>,
 }
@@ -121,7 +123,10 @@ impl Gathered {
 fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
     match extension(path).as_str() {
         "ply" => read_scan_and_unit(path),
-        "las" | "laz" => read_las(path).map(|scan| (scan, None)),
+        "las" | "laz" => {
+            let unit = read_georeference(path)?.and_then(|known| known.unit());
+            read_las(path).map(|scan| (scan, unit))
+        }
         "pcd" => read_pcd(path).map(|scan| (scan, None)),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         other => {
@@ -235,6 +240,15 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                 wanted.path.display(),
                 scan.dropped_not_finite
             )));
+        }
+        let georeference = match extension(&wanted.path).as_str() {
+            "las" | "laz" if wanted.pose.is_none() => read_georeference(&wanted.path)?,
+            _ => None,
+        };
+        if index == 0 {
+            set.georeference = georeference;
+        } else if set.georeference != georeference {
+            set.georeference = None;
         }
         scan.world_from_scanner = wanted.pose.unwrap_or(scan.world_from_scanner);
         scan.viewing = wanted.viewing.unwrap_or(scan.viewing);

@@ -145,14 +145,18 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
     let length = match options.unit {
         Unit::Millimetre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?,
         Unit::Metre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))"))?,
-        Unit::Inch => {
+        Unit::Inch | Unit::Foot => {
             let millimetre = out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?;
-            let inch = out.add(format_args!(
-                "LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),{millimetre})"
+            let (name, length) = match options.unit {
+                Unit::Foot => ("FOOT", "304.8"),
+                _ => ("INCH", "25.4"),
+            };
+            let measure = out.add(format_args!(
+                "LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({length}),{millimetre})"
             ))?;
             let dimensions = out.add(format_args!("DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.)"))?;
             out.add(format_args!(
-                "(CONVERSION_BASED_UNIT('INCH',{inch})LENGTH_UNIT()NAMED_UNIT({dimensions}))"
+                "(CONVERSION_BASED_UNIT('{name}',{measure})LENGTH_UNIT()NAMED_UNIT({dimensions}))"
             ))?
         }
     };

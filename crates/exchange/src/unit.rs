@@ -14,16 +14,19 @@ pub enum Unit {
     Metre,
     /// Inches of 25.4 mm, `in`.
     Inch,
+    /// Feet of 304.8 mm, `ft`; those of the US survey, two parts in a million longer, are taken for them.
+    Foot,
 }
 
 impl Unit {
-    /// The name in files and options: `mm`, `m` or `in`.
+    /// The name in files and options: `mm`, `m`, `in` or `ft`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Millimetre => "mm",
             Self::Metre => "m",
             Self::Inch => "in",
+            Self::Foot => "ft",
         }
     }
 
@@ -34,6 +37,7 @@ impl Unit {
             Self::Millimetre => 1.0,
             Self::Metre => 1000.0,
             Self::Inch => 25.4,
+            Self::Foot => 304.8,
         }
     }
 }
@@ -42,10 +46,10 @@ impl FromStr for Unit {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self, Error> {
-        [Self::Millimetre, Self::Metre, Self::Inch]
+        [Self::Millimetre, Self::Metre, Self::Inch, Self::Foot]
             .into_iter()
             .find(|unit| unit.name() == name)
-            .ok_or_else(|| Error::input(format!("unit `{name}`: needed `mm`, `m` or `in`")))
+            .ok_or_else(|| Error::input(format!("unit `{name}`: needed `mm`, `m`, `in` or `ft`")))
     }
 }
 

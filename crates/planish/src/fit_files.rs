@@ -4,14 +4,17 @@
 //! and written when everything else has succeeded.
 
 use crate::domain::check_domain;
-use crate::fit::{FitOptions, FitReport, fit, update};
+use crate::fit::{FitOptions, FitReport, GroundWidth, fit, update};
 use crate::model::{Posterior, SurfaceModel};
-use crate::output::{PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output};
+use crate::output::{
+    OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
+};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_exchange::{InputFile, ScanSet, Unit, read_inputs};
+use planish_exchange::{InputFile, ScanSet, Unit, extension, read_inputs};
 use planish_mesh::BoundingBox;
+use planish_spline::Shape;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -36,6 +39,8 @@ pub struct FitJob {
     pub options: FitOptions,
     /// Chord error of meshes, in the model's unit; half the median σ where none is given.
     pub mesh_tolerance: Option<f64>,
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
+    pub cell_size: Option<f64>,
     /// The arguments that decide the answer, for the saved model's provenance.
     pub arguments: Vec<String>,
 }
@@ -81,7 +86,12 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
     let outputs = plan_outputs(&job.outputs, &named)?;
     progress.check("reading", 0.0)?;
-    let set = read_inputs(&job.inputs, job.unit)?;
+    refuse_raster_of(job, &outputs)?;
+    let mut set = read_inputs(&job.inputs, job.unit)?;
+    let unit_of_maps = set.unit.is_none() && job.update.is_none() && job.options.ground.is_some();
+    if unit_of_maps {
+        set.unit = Some(Unit::Metre);
+    }
     // A list names more inputs than the command line does.
     let read: Vec<PathBuf> = set.inputs.iter().map(|input| input.path.clone()).collect();
     for output in &outputs {
@@ -113,6 +123,11 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let mut report = fitted.report.clone();
     report.warnings.extend(warnings(&set, earlier.as_ref()));
     report.warnings.extend(in_far_places);
+    if unit_of_maps {
+        (report.warnings)
+            .push("no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned());
+    }
+    report.warnings.extend(unclassified(job, &set));
     let written = write(
         job,
         &outputs,
@@ -142,7 +157,12 @@ fn write(
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<WrittenFile>> {
-    let prepared = prepare(model, posterior, outputs, job.mesh_tolerance)?;
+    let options = OutputOptions {
+        mesh_tolerance: job.mesh_tolerance,
+        cell_size: job.cell_size,
+        georeference: set.georeference.clone(),
+    };
+    let prepared = prepare(model, posterior, outputs, &options)?;
     warnings.extend(prepared.warnings.iter().cloned());
     let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
     provenance.push(session(job, set));
@@ -205,7 +225,8 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
 fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     let mut warnings = Vec::new();
     if set.unit.is_none() && earlier.is_none() {
-        warnings.push("no file names its unit of length: millimetres were taken; say --unit mm, m or in".to_owned());
+        warnings
+            .push("no file names its unit of length: millimetres were taken; say --unit mm, m, in or ft".to_owned());
     }
     let before = earlier.iter().flat_map(|e| &e.provenance).flat_map(|s| &s.inputs);
     let before: Vec<(Option<&std::ffi::OsStr>, usize)> = before
@@ -223,6 +244,40 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     warnings
 }
 
+/// A raster of heights takes a sheet: said before the work where the shape is known then.
+fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
+    let shape = job.options.shape.filter(|shape| *shape != Shape::Sheet);
+    if let Some(shape) = shape {
+        if job.options.ground.is_some() {
+            return Err(Error::input(format!(
+                "the ground is a sheet: needed --shape sheet, found {}",
+                shape.name()
+            )));
+        }
+        if let Some(raster) = outputs.iter().find(|output| output.format == OutputFormat::Tiff) {
+            return Err(Error::input(format!(
+                "{}: a raster of heights: needed --shape sheet, found {}",
+                raster.path.display(),
+                shape.name()
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A sheet over lidar that nobody classified follows roofs and trees: it may be meant so.
+fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
+    let of_lidar = |path: &std::path::Path| ["las", "laz"].contains(&extension(path).as_str());
+    let lidar = set.inputs.iter().any(|input| of_lidar(&input.path));
+    let classified = set.scans.iter().any(|posed| posed.scan.classes.is_some());
+    let wanted = job.options.shape == Some(Shape::Sheet) && job.options.ground.is_none();
+    if wanted && lidar && !classified {
+        vec!["the points of the lidar are not classified: buildings and trees are part of the sheet; --ground leaves them out".to_owned()]
+    } else {
+        Vec::new()
+    }
+}
+
 fn check_settings(job: &FitJob) -> Result<()> {
     let FitOptions {
         tolerance,
@@ -231,7 +286,16 @@ fn check_settings(job: &FitJob) -> Result<()> {
         held_out_share,
         ..
     } = job.options;
-    for (name, value) in [("tolerance", tolerance), ("mesh tolerance", job.mesh_tolerance)] {
+    let widest = match job.options.ground {
+        Some(GroundWidth::Widest(widest)) => Some(widest),
+        _ => None,
+    };
+    for (name, value) in [
+        ("tolerance", tolerance),
+        ("mesh tolerance", job.mesh_tolerance),
+        ("cell size", job.cell_size),
+        ("width of what stands on the ground", widest),
+    ] {
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(Error::input(format!("needed a {name} > 0, found {value}")));
         }

@@ -4,6 +4,7 @@
 
 pub mod brep;
 pub mod compare;
+pub mod dem;
 mod domain;
 pub mod fit;
 pub mod fit_files;

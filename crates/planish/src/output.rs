@@ -5,12 +5,14 @@
 //! the first file is written. What is left is a full disk.
 
 use crate::brep::{BrepOptions, brep_from_surface};
+use crate::dem::{Dem, dem_from_model};
 use crate::mesh_output::{ModelMesh, mesh_from_model, write_model_mesh};
 use crate::model::{Posterior, SurfaceModel};
 use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
+use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
-use planish_exchange::{Unit, check_writable, real_path};
+use planish_exchange::{GeoReference, Unit, check_writable, real_path};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -32,6 +34,8 @@ pub enum OutputFormat {
     Step,
     /// A mesh whose vertices carry σ and `observed`: `.ply`.
     Ply,
+    /// A raster of heights with their σ, of a sheet: `.tif`, `.tiff`.
+    Tiff,
     /// The model itself, to be updated and compared: `.planish`.
     Planish,
 }
@@ -45,6 +49,7 @@ impl OutputFormat {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
+            "tif" | "tiff" => Ok(Self::Tiff),
             "planish" => Ok(Self::Planish),
             other => {
                 let found = match other {
@@ -52,8 +57,8 @@ impl OutputFormat {
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply (mesh with σ) or .planish \
-                     (saved model), found {found}",
+                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply (mesh with σ), .tif (raster of \
+                     heights) or .planish (saved model), found {found}",
                     path.display()
                 )))
             }
@@ -89,6 +94,23 @@ pub struct WrittenFile {
     /// How far the chords of a mesh leave the surface at most.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+    /// Columns, rows and cells with a height of a raster.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cells: Option<[usize; 3]>,
+    /// Side of the cells of a raster.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cell_size: Option<f64>,
+}
+
+/// What outputs are made with.
+#[derive(Debug, Clone, Default)]
+pub struct OutputOptions {
+    /// Chord error of meshes, in the model's unit; half the median σ where none is given.
+    pub mesh_tolerance: Option<f64>,
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
+    pub cell_size: Option<f64>,
+    /// The map that rasters belong to.
+    pub georeference: Option<GeoReference>,
 }
 
 /// Checks every output before the work begins.
@@ -136,24 +158,34 @@ pub struct Prepared<'a> {
     model: &'a SurfaceModel,
     outputs: &'a [PlannedOutput],
     mesh: Option<ModelMesh>,
+    dem: Option<Dem>,
     brep: Option<Brep>,
     /// What a user should know.
     pub warnings: Vec<String>,
 }
 
-/// Makes what the outputs need of a model; a mesh within `mesh_tolerance` of the surface, or within half its median σ.
+/// Makes what the outputs need of a model.
 ///
 /// # Errors
-/// `Input` for a mesh tolerance that is not positive or takes too many triangles; `Undetermined` where the model has no covariance.
+/// `Input` for a mesh tolerance that is not positive or takes too many triangles, and for a raster of what is no sheet over z; `Undetermined` where the model has no covariance.
 pub fn prepare<'a>(
     model: &'a SurfaceModel,
     posterior: &Posterior<'_>,
     outputs: &'a [PlannedOutput],
-    mesh_tolerance: Option<f64>,
+    options: &OutputOptions,
 ) -> Result<Prepared<'a>> {
     let wanted = |format| outputs.iter().any(|output| output.format == format);
     let mesh = match wanted(OutputFormat::Ply) {
-        true => Some(mesh_from_model(model, posterior, mesh_tolerance)?),
+        true => Some(mesh_from_model(model, posterior, options.mesh_tolerance)?),
+        false => None,
+    };
+    let dem = match wanted(OutputFormat::Tiff) {
+        true => Some(dem_from_model(
+            model,
+            posterior,
+            options.cell_size,
+            options.georeference.clone(),
+        )?),
         false => None,
     };
     let brep = wanted(OutputFormat::Step).then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
@@ -163,8 +195,12 @@ pub fn prepare<'a>(
     Ok(Prepared {
         model,
         outputs,
-        warnings: mesh.iter().flat_map(|mesh| mesh.warnings.clone()).collect(),
+        warnings: (mesh.iter().flat_map(|mesh| &mesh.warnings))
+            .chain(dem.iter().flat_map(|dem| &dem.warnings))
+            .cloned()
+            .collect(),
         mesh,
+        dem,
         brep,
     })
 }
@@ -198,9 +234,11 @@ impl Prepared<'_> {
             vertices: None,
             triangles: None,
             tolerance: None,
+            cells: None,
+            cell_size: None,
         };
-        match (output.format, &self.brep, &self.mesh) {
-            (OutputFormat::Step, Some(brep), _) => {
+        match (output.format, &self.brep, &self.mesh, &self.dem) {
+            (OutputFormat::Step, Some(brep), ..) => {
                 let options = StepOptions {
                     name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                     unit: self.model.unit,
@@ -210,7 +248,12 @@ impl Prepared<'_> {
                 write_step(path, brep, &options)?;
                 written.faces = Some(brep.faces.len());
             }
-            (OutputFormat::Ply, _, Some(mesh)) => {
+            (OutputFormat::Tiff, .., Some(dem)) => {
+                write_geotiff(path, &dem.grid)?;
+                written.cells = Some([dem.grid.columns, dem.grid.rows, dem.known]);
+                written.cell_size = Some(dem.grid.cell);
+            }
+            (OutputFormat::Ply, _, Some(mesh), _) => {
                 write_model_mesh(mesh, path)?;
                 written.vertices = Some(mesh.mesh.positions.len());
                 written.triangles = Some(mesh.mesh.triangles.len());

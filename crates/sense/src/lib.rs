@@ -1,10 +1,12 @@
-//! Sensors: what a scan is, how its errors are modelled, and which readings are not to be trusted.
+//! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are of the ground.
 
+mod ground;
 mod normals;
 mod pose;
 mod scan;
 mod sensor;
 
+pub use ground::{Ground, GroundOptions, classify_ground};
 pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry,

@@ -16,8 +16,8 @@ pub use observations::{ObservationOptions, Observations, Rejection};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::Result;
-use planish_exchange::ScanSet;
-use planish_sense::ScanChecks;
+use planish_exchange::{ScanSet, Unit};
+use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -33,6 +33,8 @@ pub struct FitOptions {
     pub known_parameters: Option<[usize; 2]>,
     /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise says so if none is given.
     pub tolerance: Option<f64>,
+    /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
+    pub ground: Option<GroundWidth>,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// Readings farther from the surface than this many σ are outliers.
@@ -45,12 +47,22 @@ pub struct FitOptions {
     pub checks: ScanChecks,
 }
 
+/// How wide things are that stand on the ground and are no part of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GroundWidth {
+    /// Up to 36 m: houses, and most of what else is in a landscape.
+    Usual,
+    /// Up to so much, in the unit of the scans.
+    Widest(f64),
+}
+
 impl Default for FitOptions {
     fn default() -> Self {
         Self {
             shape: None,
             known_parameters: None,
             tolerance: None,
+            ground: None,
             max_coefficients: 12_000,
             gate: 4.0,
             held_out_share: 0.1,
@@ -121,7 +133,8 @@ pub struct FitReport {
 }
 
 impl FitReport {
-    /// Readings that were set aside although they might have been of the surface: all but those of classes that are not wanted.
+    /// Readings that were set aside although they might have been of the surface: all but those of classes that are not wanted, and those above
+    /// the ground where the ground is.
     #[must_use]
     pub fn set_aside(&self) -> usize {
         set_aside(&self.rejected)
@@ -129,8 +142,9 @@ impl FitReport {
 }
 
 fn set_aside(rejected: &BTreeMap<String, usize>) -> usize {
-    let unwanted = rejected.get(Rejection::Class.name()).copied().unwrap_or(0);
-    rejected.values().sum::<usize>() - unwanted
+    let unwanted =
+        [Rejection::Class, Rejection::AboveGround].map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
+    rejected.values().sum::<usize>() - unwanted.iter().sum::<usize>()
 }
 
 /// A fitted model with its figures.
@@ -169,8 +183,21 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let mut observations = observe(set, options)?;
     let origin = observations.recentre();
     progress.check("normals", 0.01)?;
-    let settled = stages::settle(&observations, options, progress)?;
+    let sheet = FitOptions {
+        shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
+        ..options.clone()
+    };
+    let settled = stages::settle(&observations, &sheet, progress)?;
     finish::finish(set, &observations, settled, options, None, progress)?.translated(origin)
+}
+
+/// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
+fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
+    let options = GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
+    match width {
+        GroundWidth::Usual => options,
+        GroundWidth::Widest(widest) => GroundOptions { widest, ..options },
+    }
 }
 
 /// The observations of a set of scans, some of them held out.
@@ -186,7 +213,8 @@ fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
             seed: options.seed,
             checks: options.checks,
             // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
-            sheet: options.shape == Some(Shape::Sheet),
+            sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
+            ground: options.ground.map(|width| ground_options(set.unit, width)),
         },
     )
 }

@@ -8,8 +8,8 @@ use planish_estimate::vector3::{dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
-    Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, cloud_geometry, local_roughness, orient_normals, ray_at,
-    scan_geometry, variance_along,
+    Ground, GroundOptions, Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, classify_ground, cloud_geometry,
+    local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
 };
 use planish_spline::principal_axes;
 use rayon::prelude::*;
@@ -24,6 +24,10 @@ pub enum Rejection {
     Duplicate,
     /// Of a class that the file calls noise, or not ground where the ground is fitted.
     Class,
+    /// On something that stands on the ground, where the ground is fitted.
+    AboveGround,
+    /// Far below the ground, where the ground is fitted.
+    BelowGround,
     /// A jump in depth to all of its neighbours, or far from all others.
     Isolated,
     /// Next to a jump in depth.
@@ -46,6 +50,8 @@ impl Rejection {
             Self::NotFinite => "not_finite",
             Self::Duplicate => "duplicate",
             Self::Class => "class",
+            Self::AboveGround => "above_ground",
+            Self::BelowGround => "below_ground",
             Self::Isolated => "isolated",
             Self::DepthEdge => "depth_edge",
             Self::Grazing => "grazing",
@@ -91,6 +97,8 @@ pub struct Observations {
     pub least_variance: f64,
     /// Whether the sensor's σ was stated, by its model or by every point of its scans.
     pub stated: Vec<bool>,
+    /// Whether they are what is left of points on the ground and above it: more of the latter may be among them.
+    pub ground: bool,
     /// What was left out already, by cause.
     pub rejected: BTreeMap<Rejection, usize>,
     noise: Vec<ScanNoise>,
@@ -109,6 +117,8 @@ pub struct ObservationOptions {
     pub checks: ScanChecks,
     /// Whether a sheet is wanted: of points that are classified the ground alone, and of every point whose side is not known the upper.
     pub sheet: bool,
+    /// How the ground is told from what stands on it, where only the ground is wanted and a scan has no classes that tell it.
+    pub ground: Option<GroundOptions>,
 }
 
 /// Classes of the ASPRS that are readings of nothing: low and high noise.
@@ -169,7 +179,7 @@ impl Observations {
             let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
             // Noise of independent readings does not repeat to the last digit; a grid has one reading a cell.
             let mut seen = HashSet::new();
-            let ground = options.sheet && (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class));
+            let ground = options.sheet && has_ground(scan);
             for i in 0..scan.points.len() {
                 if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
                     && (NOISE_CLASSES.contains(&class) || ground && !GROUND_CLASSES.contains(&class))
@@ -247,6 +257,9 @@ impl Observations {
                 )
             }));
         }
+        if let Some(ground) = &options.ground {
+            made.keep_ground(scans, ground)?;
+        }
         made.complete_normals(options.checks.neighbours)?;
         if options.sheet {
             made.turn_upwards();
@@ -314,6 +327,31 @@ impl Observations {
         let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
         orient_normals(&self.points, &mut normals, &self.oriented, neighbours)?;
         self.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
+        Ok(())
+    }
+
+    /// Leaves out what stands on the ground, or lies far below it, of scans whose classes do not tell the ground already.
+    fn keep_ground(&mut self, scans: &[&Scan], options: &GroundOptions) -> Result<()> {
+        self.ground = true;
+        let mut found = classify_ground(&self.points, options)?;
+        let told: Vec<bool> = scans.iter().map(|scan| has_ground(scan)).collect();
+        for (what, &scan) in found.iter_mut().zip(&self.scan) {
+            if told[scan as usize] {
+                *what = Ground::Bare;
+            }
+        }
+        let left = found.iter().filter(|&&what| what == Ground::Bare).count();
+        if left < LEAST_POINTS {
+            return Err(Error::undetermined(format!(
+                "of {} readings only {left} are on the ground: at least {LEAST_POINTS} are needed",
+                found.len()
+            )));
+        }
+        let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
+        self.leave_out(&below, Rejection::BelowGround);
+        found.retain(|&what| what != Ground::Below);
+        let above: Vec<bool> = found.iter().map(|&what| what == Ground::Above).collect();
+        self.leave_out(&above, Rejection::AboveGround);
         Ok(())
     }
 
@@ -424,6 +462,11 @@ impl Observations {
                 }
             });
     }
+}
+
+/// Whether a scan's classes tell the ground from the rest.
+fn has_ground(scan: &Scan) -> bool {
+    (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class))
 }
 
 /// A repeatable number in [0, 1) for a point of a scan.

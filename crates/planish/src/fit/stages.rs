@@ -20,6 +20,8 @@ use std::sync::Arc;
 
 /// Cells of the base grid, about.
 const BASE_CELLS: usize = 128;
+/// While the shape is being found, readings farther than so many σ pull with bounded force.
+const BOUNDED: f64 = 2.5;
 /// Points that are enough to find a first shape.
 const ENOUGH_FOR_SHAPE: usize = 30_000;
 /// Iterations between two refinements, and when the mean square step, in variances of the surface, is small enough to go on.
@@ -433,7 +435,9 @@ fn first_weight(surface: &Surface, area: f64, information: &[f64]) -> f64 {
     )
 }
 
-/// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found.
+/// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found. Of the ground
+/// the upper side falls off faster, so that the sheet comes down to the lower of two opinions (Kraus & Pfeifer 1998, *Determination of terrain models in wooded
+/// areas with airborne laser scanner data*, eq. 3, in units of σ).
 pub(super) fn weights(
     observations: &Observations,
     subset: &[u32],
@@ -452,8 +456,15 @@ pub(super) fn weights(
             let variance = noise.used[observations.sensor(i as usize)] * foot.variance;
             let r = foot.height.abs() / variance.sqrt();
             if finding {
-                // Far readings pull with bounded force: most are shape still to be found, not errors.
-                (if r > 2.5 { 2.5 / r } else { 1.0 }) / variance
+                let above = observations.ground && foot.height * foot.normal[2] > 0.0;
+                let softened = match r / BOUNDED {
+                    far if far <= 1.0 => 1.0,
+                    // What is left of things that stand on the ground lies above it: the farther, the less it pulls.
+                    far if above => 1.0 / (1.0 + (far - 1.0).powi(2) * far),
+                    // Far readings pull with bounded force: most are shape still to be found, not errors.
+                    far => 1.0 / far,
+                };
+                softened / variance
             } else if r <= gate {
                 1.0 / variance
             } else {

@@ -1,0 +1,163 @@
+//! Which map coordinates belong to, carried from a point cloud to a raster.
+//!
+//! Comes in: the keys of the GeoTIFF standard, which LAS files hold too, or text. Goes out: the same keys for a raster, and the unit of
+//! length that they name. The keys are carried as they are: a projection that somebody defined for one project stays what it is.
+
+use crate::Unit;
+
+/// The coordinate reference system of a map, as keys of the GeoTIFF standard.
+///
+/// # References
+/// OGC 19-008r4, *GeoTIFF standard*, 2019, section 7.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GeoReference {
+    /// Key, the tag that holds its value (0 for the entry itself), count, and value or index.
+    pub(crate) keys: Vec<[u16; 4]>,
+    /// Values of tag 34736.
+    pub(crate) doubles: Vec<f64>,
+    /// Values of tag 34737.
+    pub(crate) text: Vec<u8>,
+}
+
+/// Keys of the standard.
+const MODEL_TYPE: u16 = 1024;
+pub(crate) const RASTER_TYPE: u16 = 1025;
+const PROJECTED_CRS: u16 = 3072;
+const PROJECTED_LINEAR_UNITS: u16 = 3076;
+/// Tags that hold values of keys.
+pub(crate) const DOUBLES_TAG: u16 = 34736;
+pub(crate) const TEXT_TAG: u16 = 34737;
+/// Codes of the EPSG for the metre, the foot and the US survey foot.
+const METRE: u16 = 9001;
+const FEET: [u16; 2] = [9002, 9003];
+
+impl GeoReference {
+    /// From the three records of a LAS file: little-endian keys, doubles and text. None where the keys make no sense.
+    pub(crate) fn from_keys(keys: &[u8], doubles: &[u8], text: &[u8]) -> Option<Self> {
+        let words: Vec<u16> = keys.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+        let count = usize::from(*words.get(3)?);
+        let doubles: Vec<f64> = doubles
+            .chunks_exact(8)
+            .filter_map(|b| b.try_into().ok().map(f64::from_le_bytes))
+            .collect();
+        let keys: Vec<[u16; 4]> = (words.get(4..)?.chunks_exact(4).take(count))
+            .map(|k| [k[0], k[1], k[2], k[3]])
+            .filter(|&[key, tag, count, from]| {
+                let until = usize::from(from) + usize::from(count);
+                key != 0
+                    && match tag {
+                        0 => true,
+                        DOUBLES_TAG => until <= doubles.len(),
+                        TEXT_TAG => until <= text.len(),
+                        _ => false,
+                    }
+            })
+            .collect();
+        keys.iter().any(|k| k[0] == PROJECTED_CRS).then(|| Self {
+            keys,
+            doubles,
+            text: text.to_vec(),
+        })
+    }
+
+    /// From well-known text: what the EPSG calls the map, where the text says so. None for text without such a code.
+    pub(crate) fn from_wkt(wkt: &str) -> Option<Self> {
+        // A compound system names the map first and heights after it.
+        let map = &wkt[wkt.find("PROJCS[").or_else(|| wkt.find("PROJCRS["))?..];
+        let map = &map[..[map.find("VERT_CS["), map.find("VERTCRS[")]
+            .into_iter()
+            .flatten()
+            .min()
+            .unwrap_or(map.len())];
+        let code = ["AUTHORITY[\"EPSG\",", "ID[\"EPSG\","].into_iter().find_map(|before| {
+            let code = &map[map.rfind(before)? + before.len()..];
+            let digits: String = (code.chars().skip_while(|c| *c == '"'))
+                .take_while(char::is_ascii_digit)
+                .collect();
+            digits.parse().ok()
+        })?;
+        let mut keys = vec![[MODEL_TYPE, 0, 1, 1], [PROJECTED_CRS, 0, 1, code]];
+        // The unit of the map is the last that is named; angles are in degrees.
+        let length = map.rfind("UNIT[").and_then(|at| {
+            let factor = map[at..].split(',').nth(1)?;
+            factor.trim_end_matches(']').trim().parse::<f64>().ok()
+        });
+        if let Some(length) = length {
+            let unit = [(METRE, 1.0), (FEET[0], 0.3048), (FEET[1], 1200.0 / 3937.0)]
+                .into_iter()
+                .find(|(_, metres)| (length - metres).abs() < 1e-8);
+            keys.extend(unit.map(|(code, _)| [PROJECTED_LINEAR_UNITS, 0, 1, code]));
+        }
+        Some(Self {
+            keys,
+            doubles: Vec::new(),
+            text: Vec::new(),
+        })
+    }
+
+    /// The code of the EPSG, where the map has one.
+    #[must_use]
+    pub fn epsg(&self) -> Option<u16> {
+        // The largest stands for a map that somebody defined.
+        self.key(PROJECTED_CRS).filter(|&code| code != 0 && code != 32767)
+    }
+
+    /// The unit of the map's coordinates, where it is a metre or a foot.
+    #[must_use]
+    pub fn unit(&self) -> Option<Unit> {
+        match self.key(PROJECTED_LINEAR_UNITS)? {
+            METRE => Some(Unit::Metre),
+            code if FEET.contains(&code) => Some(Unit::Foot),
+            _ => None,
+        }
+    }
+
+    fn key(&self, wanted: u16) -> Option<u16> {
+        (self.keys.iter().find(|k| k[0] == wanted && k[1] == 0)).map(|k| k[3])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bytes(words: &[u16]) -> Vec<u8> {
+        words.iter().flat_map(|w| w.to_le_bytes()).collect()
+    }
+
+    #[test]
+    fn keys_are_carried_and_name_map_and_unit() {
+        let keys = bytes(&[1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 2903, 3076, 0, 1, 9003]);
+        let made = GeoReference::from_keys(&keys, &[], &[]).unwrap();
+        assert_eq!((made.epsg(), made.unit()), (Some(2903), Some(Unit::Foot)));
+        assert_eq!(made.keys.len(), 3);
+        let own = bytes(&[1, 1, 0, 2, 3072, 0, 1, 32767, 3078, 34736, 1, 0]);
+        let made = GeoReference::from_keys(&own, &43.0_f64.to_le_bytes(), &[]).unwrap();
+        assert_eq!(
+            (made.epsg(), made.unit(), made.doubles.as_slice()),
+            (None, None, &[43.0][..])
+        );
+    }
+
+    #[test]
+    fn keys_that_point_beyond_their_values_are_left_out() {
+        let keys = bytes(&[1, 1, 0, 2, 3072, 0, 1, 32632, 3078, 34736, 4, 0]);
+        let made = GeoReference::from_keys(&keys, &1.0_f64.to_le_bytes(), &[]).unwrap();
+        assert_eq!(made.keys, [[3072, 0, 1, 32632]]);
+        for cut in 0..12 {
+            assert!(GeoReference::from_keys(&keys[..cut], &[], &[]).is_none(), "{cut}");
+        }
+    }
+
+    #[test]
+    fn text_names_map_and_unit() {
+        let wkt = "COMPD_CS[\"a\",PROJCS[\"b\",GEOGCS[\"c\",UNIT[\"degree\",0.0174,AUTHORITY[\"EPSG\",\"9122\"]],\
+                   AUTHORITY[\"EPSG\",\"4326\"]],UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AUTHORITY[\"EPSG\",\"32632\"]],\
+                   VERT_CS[\"d\",UNIT[\"foot\",0.3048],AUTHORITY[\"EPSG\",\"5703\"]]]";
+        let made = GeoReference::from_wkt(wkt).unwrap();
+        assert_eq!((made.epsg(), made.unit()), (Some(32632), Some(Unit::Metre)));
+        assert!(
+            GeoReference::from_wkt("").is_none() && GeoReference::from_wkt("PROJCS[\"x\",UNIT[\"m\",1]]").is_none()
+        );
+    }
+}

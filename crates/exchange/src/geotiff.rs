@@ -1,0 +1,217 @@
+//! GeoTIFF, out: heights and their σ on a grid of a map.
+//!
+//! Comes in: a [`HeightGrid`]. Goes out: one file with two bands of single precision, pixel by pixel, compressed by deflate. Band 1 is
+//! the height, band 2 its σ; both are [`NODATA`] where the grid knows nothing. Coordinates are of double precision, and a pixel is an area
+//! whose upper left corner is tied to the map.
+//!
+//! Not guaranteed: files of more than 4 GB.
+
+use std::io::{self, Cursor, Write};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use tiff::TiffError;
+use tiff::encoder::colortype::ColorType;
+use tiff::encoder::compression::DeflateLevel;
+use tiff::encoder::{Compression, TiffEncoder};
+use tiff::tags::{ExtraSamples, PhotometricInterpretation, SampleFormat, Tag};
+
+use crate::georeference::{DOUBLES_TAG, RASTER_TYPE, TEXT_TAG};
+use crate::{GeoReference, Unit, write_atomically};
+
+/// What stands where nothing is known: readers leave it out.
+pub const NODATA: f32 = -9999.0;
+
+/// Heights on a grid whose rows run from north to south.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeightGrid {
+    /// West and north border: the upper left corner of the first cell.
+    pub corner: [f64; 2],
+    /// Side of a cell.
+    pub cell: f64,
+    /// Cells from west to east.
+    pub columns: usize,
+    /// Cells from north to south.
+    pub rows: usize,
+    /// Height and its σ at the middle of every cell, row by row; [`NODATA`] twice where it is not known.
+    pub values: Vec<[f32; 2]>,
+    /// Unit of every length.
+    pub unit: Unit,
+    /// The map that it belongs to.
+    pub georeference: Option<GeoReference>,
+}
+
+/// Two samples of single precision a pixel.
+struct HeightAndSigma;
+
+impl ColorType for HeightAndSigma {
+    type Inner = f32;
+    const TIFF_VALUE: PhotometricInterpretation = PhotometricInterpretation::BlackIsZero;
+    const BITS_PER_SAMPLE: &'static [u16] = &[32, 32];
+    const SAMPLE_FORMAT: &'static [SampleFormat] = &[SampleFormat::IEEEFP; 2];
+
+    fn horizontal_predict(row: &[f32], result: &mut Vec<f32>) {
+        // No predictor is asked for.
+        result.extend_from_slice(row);
+    }
+}
+
+/// What GDAL calls the bands; a tag of its own.
+const GDAL_METADATA: Tag = Tag::Unknown(42112);
+
+/// Writes a grid.
+///
+/// # Errors
+/// `Input` for a grid without cells or whose values are not as many as its cells; `Unsupported` for more than 4 GB; `Io` when the file
+/// cannot be written; nothing is left half-written.
+///
+/// # References
+/// - OGC 19-008r4, *GeoTIFF standard*, 2019.
+/// - GDAL, *GTiff: GeoTIFF file format*, for tags 42112 and 42113.
+pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
+    if grid.values.is_empty() || grid.values.len() != grid.columns * grid.rows {
+        return Err(Error::input(format!(
+            "{}: needed {} × {} cells, found {}",
+            path.display(),
+            grid.columns,
+            grid.rows,
+            grid.values.len()
+        )));
+    }
+    let bytes = encoded(grid).map_err(|e| {
+        Error::unsupported(format!(
+            "{}: {} × {} cells cannot be written as TIFF; larger cells may be",
+            path.display(),
+            grid.columns,
+            grid.rows
+        ))
+        .with_source(e)
+    })?;
+    write_atomically(path, |writer| writer.write_all(&bytes))
+}
+
+fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
+    let mut file = Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut file)?.with_compression(Compression::Deflate(DeflateLevel::Balanced));
+    let size = |n: usize| u32::try_from(n).map_err(|e| TiffError::IoError(io::Error::other(e)));
+    let mut image = encoder.new_image::<HeightAndSigma>(size(grid.columns)?, size(grid.rows)?)?;
+    let tags = image.encoder();
+    tags.write_tag(Tag::ExtraSamples, ExtraSamples::Unspecified.to_u16())?;
+    tags.write_tag(Tag::ModelPixelScaleTag, &[grid.cell, grid.cell, 0.0][..])?;
+    let [west, north] = grid.corner;
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, west, north, 0.0][..])?;
+    tags.write_tag(Tag::GdalNodata, format!("{NODATA}").as_str())?;
+    tags.write_tag(GDAL_METADATA, metadata(grid.unit).as_str())?;
+    let georeference = grid.georeference.as_ref();
+    // A map that is not known is left open; a pixel is an area all the same.
+    let known = georeference.map_or(&[][..], |g| &g.keys);
+    let mut keys: Vec<[u16; 4]> = known.iter().copied().filter(|k| k[0] != RASTER_TYPE).collect();
+    keys.push([RASTER_TYPE, 0, 1, 1]);
+    keys.sort_unstable();
+    let mut directory = vec![1, 1, 0, keys.len() as u16];
+    directory.extend(keys.iter().flatten());
+    tags.write_tag(Tag::GeoKeyDirectoryTag, &directory[..])?;
+    if let Some(georeference) = georeference {
+        if !georeference.doubles.is_empty() {
+            tags.write_tag(Tag::Unknown(DOUBLES_TAG), &georeference.doubles[..])?;
+        }
+        let text = String::from_utf8_lossy(&georeference.text);
+        let text = text.trim_end_matches('\0');
+        if !text.is_empty() && text.is_ascii() {
+            tags.write_tag(Tag::Unknown(TEXT_TAG), text)?;
+        }
+    }
+    let samples: Vec<f32> = grid.values.iter().flatten().copied().collect();
+    image.write_data(&samples)?;
+    Ok(file.into_inner())
+}
+
+fn metadata(unit: Unit) -> String {
+    let item = |name: &str, sample: u8, role: &str, value: &str| {
+        let role = if role.is_empty() {
+            String::new()
+        } else {
+            format!(" role=\"{role}\"")
+        };
+        format!("<Item name=\"{name}\" sample=\"{sample}\"{role}>{value}</Item>")
+    };
+    let unit = unit.name();
+    format!(
+        "<GDALMetadata>{}{}{}{}</GDALMetadata>",
+        item("DESCRIPTION", 0, "description", "height"),
+        item("UNITTYPE", 0, "unittype", unit),
+        item("DESCRIPTION", 1, "description", "sigma of the height"),
+        item("UNITTYPE", 1, "unittype", unit),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::ErrorKind;
+    use tiff::decoder::{Decoder, DecodingResult};
+
+    fn grid() -> HeightGrid {
+        HeightGrid {
+            corner: [600_000.25, 4_000_000.75],
+            cell: 0.5,
+            columns: 3,
+            rows: 2,
+            values: vec![[1.0, 0.1], [2.0, 0.2], [NODATA; 2], [4.0, 0.4], [5.5, 0.5], [6.0, 0.6]],
+            unit: Unit::Metre,
+            georeference: GeoReference::from_wkt("PROJCS[\"x\",UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32632\"]]"),
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        write_geotiff(&path, &grid()).unwrap();
+        let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
+        assert_eq!(decoder.dimensions().unwrap(), (3, 2));
+        let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap();
+        let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
+        assert_eq!(scale, [0.5, 0.5, 0.0]);
+        // Seven digits before the point and every one behind it.
+        assert_eq!(tie, [0.0, 0.0, 0.0, 600_000.25, 4_000_000.75, 0.0]);
+        let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap();
+        assert_eq!(
+            keys,
+            [
+                1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32632, 3076, 0, 1, 9001
+            ]
+        );
+        assert_eq!(decoder.get_tag_ascii_string(Tag::GdalNodata).unwrap(), "-9999");
+        let names = decoder.get_tag_ascii_string(GDAL_METADATA).unwrap();
+        assert!(
+            names.contains(">height<") && names.contains(">sigma of the height<"),
+            "{names}"
+        );
+        let DecodingResult::F32(samples) = decoder.read_image().unwrap() else {
+            panic!("not of single precision");
+        };
+        let expected: Vec<f32> = grid().values.iter().flatten().copied().collect();
+        assert_eq!(samples, expected);
+    }
+
+    #[test]
+    fn the_same_grid_gives_the_same_bytes() {
+        assert_eq!(encoded(&grid()).unwrap(), encoded(&grid()).unwrap());
+    }
+
+    #[test]
+    fn a_grid_without_its_cells_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        for (columns, rows) in [(0, 0), (2, 2)] {
+            let bad = HeightGrid {
+                columns,
+                rows,
+                ..grid()
+            };
+            assert_eq!(write_geotiff(&path, &bad).unwrap_err().kind(), ErrorKind::Input);
+            assert!(!path.exists());
+        }
+    }
+}
