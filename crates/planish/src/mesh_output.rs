@@ -1,6 +1,6 @@
 //! Triangle meshes of a model whose every vertex says how well it is known.
 //!
-//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`.
+//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ.
 //! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured and 0 where only the prior speaks.
 //! The same bytes at any number of threads.
 //!
@@ -12,7 +12,7 @@ use crate::model::{Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use planish_estimate::Result;
 use planish_exchange::Unit;
-use planish_exchange::ply::{Column, MeshColumns, write_mesh};
+use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::TriangleMesh;
 use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
@@ -149,10 +149,10 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
     posterior.sigma_summary(&model.observed)
 }
 
-/// Writes a model's mesh as PLY.
+/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with `.gz` behind.
 ///
 /// # Errors
-/// `Io` when the file cannot be written; nothing is left half-written.
+/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be written; nothing is left half-written.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
     write_mesh(
         path,
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use crate::test_support::{SIGMA, model_of, refined_surface, small_model};
     use planish_estimate::vector3::norm;
-    use planish_exchange::ply::read_mesh;
+    use planish_exchange::mesh::read_mesh;
     use planish_spline::Shape;
 
     #[test]

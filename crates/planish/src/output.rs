@@ -10,19 +10,12 @@ use crate::model::{Posterior, SurfaceModel};
 use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::step::{Brep, StepOptions, write_step};
-use planish_exchange::{Unit, check_writable, real_path};
+use planish_exchange::{Unit, check_writable, extension, real_path, stl};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
-
-/// A path's extension in lower case; empty where it has none.
-fn extension(path: &Path) -> String {
-    path.extension()
-        .map(|e| e.to_string_lossy().to_lowercase())
-        .unwrap_or_default()
-}
 
 /// What can be written of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -32,12 +25,18 @@ pub enum OutputFormat {
     Step,
     /// A mesh whose vertices carry σ and `observed`: `.ply`.
     Ply,
+    /// A mesh with normals: `.obj`.
+    Obj,
+    /// Triangles: `.stl`.
+    Stl,
+    /// A mesh for viewers, coloured by σ: `.glb`.
+    Glb,
     /// The model itself, to be updated and compared: `.planish`.
     Planish,
 }
 
 impl OutputFormat {
-    /// The format that a path's extension asks for.
+    /// The format that a path's extension asks for; meshes and STEP may be compressed (`.ply.gz`).
     ///
     /// # Errors
     /// `Unsupported` for any other extension, or none.
@@ -45,20 +44,35 @@ impl OutputFormat {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
-            "planish" => Ok(Self::Planish),
+            "obj" => Ok(Self::Obj),
+            "stl" => Ok(Self::Stl),
+            "glb" => Ok(Self::Glb),
+            "planish" if !is_packed(path) => Ok(Self::Planish),
             other => {
                 let found = match other {
                     "" => "none".to_owned(),
+                    "planish" => "`planish.gz`".to_owned(),
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply (mesh with σ) or .planish \
-                     (saved model), found {found}",
+                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply or .glb (mesh with σ), .obj or \
+                     .stl (mesh), or .planish (saved model), found {found}",
                     path.display()
                 )))
             }
         }
     }
+}
+
+impl OutputFormat {
+    /// Whether it holds triangles.
+    fn is_mesh(self) -> bool {
+        matches!(self, Self::Ply | Self::Obj | Self::Stl | Self::Glb)
+    }
+}
+
+fn is_packed(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
 }
 
 /// A file to be written.
@@ -151,22 +165,44 @@ pub fn prepare<'a>(
     outputs: &'a [PlannedOutput],
     mesh_tolerance: Option<f64>,
 ) -> Result<Prepared<'a>> {
-    let wanted = |format| outputs.iter().any(|output| output.format == format);
-    let mesh = match wanted(OutputFormat::Ply) {
+    let mesh = match outputs.iter().any(|output| output.format.is_mesh()) {
         true => Some(mesh_from_model(model, posterior, mesh_tolerance)?),
         false => None,
     };
-    let brep = wanted(OutputFormat::Step).then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
+    let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
+    let brep = step.then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
     if let Some(brep) = &brep {
         brep.check(step_uncertainty(model.unit))?;
+    }
+    let mut warnings: Vec<String> = mesh.iter().flat_map(|mesh| mesh.warnings.clone()).collect();
+    if let Some(mesh) = &mesh {
+        warnings.extend(stl_warnings(mesh, outputs));
     }
     Ok(Prepared {
         model,
         outputs,
-        warnings: mesh.iter().flat_map(|mesh| mesh.warnings.clone()).collect(),
+        warnings,
         mesh,
         brep,
     })
+}
+
+/// STL files whose seven digits are too few for a mesh.
+fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
+    let rounding = stl::rounding(&mesh.mesh.positions);
+    if rounding <= 0.5 * mesh.tolerance {
+        return Vec::new();
+    }
+    let files = outputs.iter().filter(|output| output.format == OutputFormat::Stl);
+    files
+        .map(|output| {
+            format!(
+                "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} {}: .ply, .obj and .glb do not",
+                output.path.display(),
+                mesh.unit
+            )
+        })
+        .collect()
 }
 
 impl Prepared<'_> {
@@ -210,7 +246,7 @@ impl Prepared<'_> {
                 write_step(path, brep, &options)?;
                 written.faces = Some(brep.faces.len());
             }
-            (OutputFormat::Ply, _, Some(mesh)) => {
+            (format, _, Some(mesh)) if format.is_mesh() => {
                 write_model_mesh(mesh, path)?;
                 written.vertices = Some(mesh.mesh.positions.len());
                 written.triangles = Some(mesh.mesh.triangles.len());

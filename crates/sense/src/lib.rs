@@ -1,10 +1,12 @@
 //! Sensors: what a scan is, how its errors are modelled, and which readings are not to be trusted.
 
+mod depth_camera;
 mod normals;
 mod pose;
 mod scan;
 mod sensor;
 
+pub use depth_camera::DepthCamera;
 pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry,
