@@ -287,6 +287,32 @@ mod tests {
     }
 
     #[test]
+    fn every_format_holds_the_same_triangles() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = small_model(Shape::Ball);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        for name in ["a.ply.gz", "a.obj", "a.obj.gz", "a.stl", "a.glb", "a.glb.gz"] {
+            let path = folder.path().join(name);
+            write_model_mesh(&mesh, &path).unwrap();
+            let read = read_mesh(&path).unwrap();
+            let scale = read.unit.unwrap().millimetres();
+            assert_eq!(read.triangles.len(), mesh.mesh.triangles.len(), "{name}");
+            for (found, expected) in read.triangles.iter().zip(&mesh.mesh.triangles).step_by(7) {
+                for k in 0..3 {
+                    let (a, b) = (
+                        read.points[found[k] as usize],
+                        mesh.mesh.positions[expected[k] as usize],
+                    );
+                    assert!((0..3).all(|d| (scale * a[d] - b[d]).abs() < 1e-6), "{name} {a:?} {b:?}");
+                }
+            }
+            let sigma = read.column("sigma").map(|sigma| scale * sigma[5]);
+            assert_eq!(sigma.is_some(), name.contains("ply") || name.contains("glb"), "{name}");
+            assert!(sigma.is_none_or(|s| (s / mesh.sigma[5] - 1.0).abs() < 1e-6), "{name}");
+        }
+    }
+
+    #[test]
     fn threads_do_not_change_the_mesh() {
         let model = small_model(Shape::Torus);
         let made = [1, 2, 3].map(|threads| {

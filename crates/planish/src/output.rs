@@ -75,6 +75,17 @@ fn is_packed(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
 }
 
+/// A file's name without its extension, and without that of gzip behind.
+fn plain_name(path: &Path) -> String {
+    let stem = Path::new(path.file_stem().unwrap_or_default());
+    let stem = if is_packed(path) {
+        stem.file_stem()
+    } else {
+        Some(stem.as_os_str())
+    };
+    stem.unwrap_or_default().to_string_lossy().into_owned()
+}
+
 /// A file to be written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PlannedOutput {
@@ -238,7 +249,7 @@ impl Prepared<'_> {
         match (output.format, &self.brep, &self.mesh) {
             (OutputFormat::Step, Some(brep), _) => {
                 let options = StepOptions {
-                    name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                    name: plain_name(path),
                     unit: self.model.unit,
                     uncertainty: step_uncertainty(self.model.unit),
                     ..StepOptions::default()
@@ -260,4 +271,60 @@ impl Prepared<'_> {
 
 fn step_uncertainty(unit: Unit) -> f64 {
     STEP_UNCERTAINTY_MM / unit.millimetres()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::TriangleMesh;
+
+    #[test]
+    fn the_extension_says_what_to_write() {
+        for (name, format) in [
+            ("a.step", OutputFormat::Step),
+            ("a.STP.gz", OutputFormat::Step),
+            ("a.ply.gz", OutputFormat::Ply),
+            ("a.obj", OutputFormat::Obj),
+            ("a.STL", OutputFormat::Stl),
+            ("a.glb", OutputFormat::Glb),
+            ("a.planish", OutputFormat::Planish),
+        ] {
+            assert_eq!(OutputFormat::of(Path::new(name)).unwrap(), format, "{name}");
+        }
+        for name in ["a", "a.gz", "a.3mf", "a.planish.gz"] {
+            assert!(OutputFormat::of(Path::new(name)).is_err(), "{name}");
+        }
+        assert_eq!(
+            (plain_name(Path::new("d/a.step")), plain_name(Path::new("a.b.step.gz"))),
+            ("a".to_owned(), "a.b".to_owned())
+        );
+    }
+
+    #[test]
+    fn an_stl_file_too_coarse_for_its_mesh_is_reported() {
+        let mesh = |offset: f64| ModelMesh {
+            mesh: TriangleMesh {
+                positions: vec![[offset, 0.0, 0.0], [offset + 1.0, 0.0, 0.0], [offset, 1.0, 0.0]],
+                triangles: vec![[0, 1, 2]],
+            },
+            normals: vec![[0.0, 0.0, 1.0]; 3],
+            sigma: vec![0.02; 3],
+            observed: vec![1; 3],
+            tolerance: 0.01,
+            unit: Unit::Metre,
+            warnings: Vec::new(),
+        };
+        let outputs = ["a.ply", "a.stl"].map(|name| PlannedOutput {
+            path: name.into(),
+            format: OutputFormat::of(Path::new(name)).unwrap(),
+        });
+        assert!(stl_warnings(&mesh(100.0), &outputs).is_empty());
+        let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else {
+            panic!("needed one warning")
+        };
+        assert!(
+            warning.starts_with("a.stl: ") && warning.contains("m: .ply, .obj and .glb do not"),
+            "{warning}"
+        );
+    }
 }
