@@ -194,6 +194,7 @@ fn read_tiff(file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
             Error::io("could not be read").with_source(e)
         }
+        TiffError::LimitsExceeded => Error::unsupported("a TIFF image of more than 256 MiB: write it in parts"),
         TiffError::UnsupportedError(_) => Error::unsupported("a TIFF image of a kind that is not read").with_source(e),
         e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
     };

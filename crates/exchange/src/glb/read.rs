@@ -19,6 +19,11 @@ const DEEPEST: usize = 64;
 /// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so often.
 const MOST_NODES: usize = 100_000;
 
+/// Nodes may show one mesh in many places; more copies than so many times what the file holds are a trap.
+const MOST_COPIES: usize = 256;
+/// So many vertices are never too many.
+const FEW_VERTICES: usize = 1 << 20;
+
 /// Reads all triangles of the file's scene, in metres.
 ///
 /// # Errors
@@ -230,6 +235,13 @@ impl File<'_> {
             let attributes = &primitive["attributes"];
             let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
             let first = mesh.points.len();
+            // A vertex takes twelve bytes.
+            let most = (self.binary.len() / 12).saturating_mul(MOST_COPIES).max(FEW_VERTICES);
+            if first.saturating_add(positions.count) > most {
+                return Err(Error::input(format!(
+                    "the nodes repeat their meshes to more than {most} vertices, which the file does not hold: write one copy"
+                )));
+            }
             for vertex in 0..positions.count {
                 let point = transform.apply(positions.vector(vertex));
                 if !point.iter().all(|c| c.is_finite()) {

@@ -178,6 +178,22 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
 }
 
 #[test]
+fn copies_without_end_are_refused() {
+    // Forty nodes, each of which holds the next twice.
+    let nodes: String = (0..40).map(|k| format!("{{\"children\":[{0},{0}]}},", k + 1)).collect();
+    let start = SCENE.find("\"nodes\":[{\"children").unwrap();
+    let end = SCENE.find("\"meshes\"").unwrap();
+    let json = format!("{}\"nodes\":[{nodes}{{\"mesh\":0}}],{}", &SCENE[..start], &SCENE[end..]);
+    let e = read(&glb(&json, &NUMBERS)).unwrap_err().to_string();
+    assert!(e.contains("does not end"), "{e}");
+    let file = super::read::mesh_from(&mut Source::new(
+        &glb(&SCENE.replace("[1,2]", "[1,1,2]"), &NUMBERS)[..],
+        None,
+    ));
+    assert_eq!(file.unwrap().triangles.len(), 3);
+}
+
+#[test]
 fn files_cut_off_anywhere_are_errors() {
     let bytes = written(&tetrahedron(&CORNERS, Unit::Metre));
     for end in 0..bytes.len() {
