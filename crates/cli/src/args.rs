@@ -139,13 +139,15 @@ Examples:
   planish fit today.ply --update part.planish -o newer.planish
   planish fit tile.laz --ground -o ground.tif
 
-Scans are .ply, .pcd, .las, .laz, .xyz, .txt, .asc, .csv or .pts; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
+Scans are .ply, .pcd, .e57, .las, .laz, .obj, .stl, .glb, .npy, .npz, .xyz, .txt, .asc, .csv or .pts, and depth images .png or .tif with \
+the camera's calibration in a .toml of the same name; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
 names the sensors and their σ). A σ that nobody states is estimated from the data; one that the data contradict is \
 reported and replaced. All lengths are in the unit of the files.
 
 Outputs, by extension:
   .step .stp   the exact surface, for CAD programs
-  .ply         a mesh; each vertex has its normal, σ along it, and whether it was measured
+  .ply .glb    a mesh; each vertex has its normal, σ along it, and whether it was measured
+  .obj .stl    a mesh without σ
   .tif .tiff   heights and their σ on a grid, of a sheet over z (GeoTIFF)
   .planish     the model with its covariance, for `compare` and for `fit --update`";
 
@@ -153,10 +155,10 @@ Outputs, by extension:
 #[derive(Debug, Args)]
 #[command(after_help = FIT_EXAMPLES)]
 pub struct FitArgs {
-    /// Scans (.ply, .pcd, .xyz, .csv, …) and lists of scans (.conf, .toml)
+    /// Scans (.ply, .pcd, .e57, .xyz, .npy, …) and lists of scans (.conf, .toml)
     #[arg(required = true, value_name = "SCAN", value_hint = ValueHint::FilePath)]
     pub scans: Vec<PathBuf>,
-    /// Write the model; the extension says how (.step, .ply, .tif, .planish); may be given several times
+    /// Write the model; the extension says how (.step, .ply, .glb, .obj, .stl, .tif, .planish); may be given several times
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
 
@@ -185,7 +187,7 @@ pub struct FitArgs {
         help_heading = "Surface"
     )]
     pub max_coefficients: usize,
-    /// Most that chords of a .ply mesh leave the surface, as a length [default: half the median σ]
+    /// Most that chords of a mesh leave the surface, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
     pub mesh_tolerance: Option<f64>,
 
@@ -226,10 +228,10 @@ that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ 
 #[derive(Debug, Args)]
 #[command(after_help = COMPARE_EXAMPLES)]
 pub struct CompareArgs {
-    /// A saved model (.planish) or a mesh (.ply), with or without σ
+    /// A saved model (.planish) or a mesh (.ply, .obj, .stl, .glb), with or without σ
     #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]
     pub model: PathBuf,
-    /// A mesh or points (.ply), or scans as `planish fit` reads them
+    /// A mesh, points, or scans as `planish fit` reads them
     #[arg(value_name = "REFERENCE", value_hint = ValueHint::FilePath)]
     pub reference: PathBuf,
     /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]

@@ -269,11 +269,17 @@ fn contents(file: &WrittenFile, unit: Unit) -> String {
             "the exact surface in {}",
             counted(file.faces.unwrap_or(0), "B-spline face")
         ),
-        OutputFormat::Ply => format!(
-            "{} within {} {unit} of the surface, with σ",
-            counted(file.triangles.unwrap_or(0), "triangle"),
-            significant(file.tolerance.unwrap_or(f64::NAN), 2)
-        ),
+        OutputFormat::Ply | OutputFormat::Obj | OutputFormat::Stl | OutputFormat::Glb => {
+            let with = match file.format {
+                OutputFormat::Ply | OutputFormat::Glb => ", with σ",
+                _ => "",
+            };
+            format!(
+                "{} within {} {unit} of the surface{with}",
+                counted(file.triangles.unwrap_or(0), "triangle"),
+                significant(file.tolerance.unwrap_or(f64::NAN), 2)
+            )
+        }
         OutputFormat::Tiff => {
             let [columns, rows, known] = file.cells.unwrap_or_default();
             format!(

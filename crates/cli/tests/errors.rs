@@ -162,7 +162,7 @@ fn outputs_are_checked_before_the_work() {
     protect(true);
     // The input does not exist: whoever complains of it has begun the work.
     let lines = [
-        "fit gone.xyz -o a.stl",
+        "fit gone.xyz -o a.3mf",
         "fit gone.xyz -o a",
         "fit gone.xyz -o no/such/folder/a.step",
         "fit gone.xyz -o folder.ply",

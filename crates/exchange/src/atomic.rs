@@ -7,6 +7,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use planish_estimate::{Error, Result};
 use tempfile::NamedTempFile;
 
@@ -45,6 +47,20 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     temporary.as_file().sync_all().map_err(failed)?;
     temporary.persist(&target).map_err(|e| failed(e.error))?;
     Ok(())
+}
+
+/// [`write_atomically`], through gzip where the path's name ends with `.gz`. The same bytes in give the same bytes out.
+pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+    let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    write_atomically(path, |writer| match packed {
+        false => write(writer),
+        true => {
+            // The small pieces that formats are written in would each be a call into the encoder.
+            let mut encoder = BufWriter::new(GzEncoder::new(writer, Compression::default()));
+            write(&mut encoder)?;
+            encoder.into_inner().map_err(|e| e.into_error())?.finish().map(drop)
+        }
+    })
 }
 
 /// Finds out whether [`write_atomically`] could write a file, before the work that fills it: an empty temporary file is made

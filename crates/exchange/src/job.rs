@@ -15,9 +15,11 @@
 //! file = "top.ply"
 //! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
 //! viewpoint = [0, 0, 300]          # or direction = [0, 0, -1]: how the sensor looks, in the scanner's frame
+//! calibration = "camera.toml"      # of a depth image, whose `file` is PNG, TIFF or NPY
 //! ```
 //!
-//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists).
+//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists);
+//! scans of a file that states poses itself (E57) are carried by theirs first.
 //! Not guaranteed: that the files hold scans. Keys that are not known are errors, so that no misspelt σ goes unnoticed.
 
 use std::collections::BTreeMap;
@@ -58,6 +60,8 @@ pub struct ScanEntry {
     pub sigma_rotation_deg: Option<f64>,
     /// How the sensor looks, where stated.
     pub viewing: Option<Viewing>,
+    /// The calibration of the camera whose depth image the file is.
+    pub calibration: Option<PathBuf>,
     /// The line of the job that begins the entry, from 1.
     pub line: usize,
 }
@@ -104,6 +108,7 @@ struct ScanTable {
     pose: Option<PoseTable>,
     viewpoint: Option<Spanned<[f64; 3]>>,
     direction: Option<Spanned<[f64; 3]>>,
+    calibration: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -125,11 +130,13 @@ pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
         for scan in &job.scans {
-            if !scan.path.is_file() {
+            let named = [("scan", Some(&scan.path)), ("calibration", scan.calibration.as_ref())];
+            let missing = |path: &Path| !path.is_file();
+            if let Some((what, Some(path))) = named.iter().find(|(_, path)| path.is_some_and(|p| missing(p))) {
                 return Err(Error::io(format!(
-                    "line {}: names the scan {}, which does not exist",
+                    "line {}: names the {what} {}, which does not exist",
                     scan.line,
-                    scan.path.display()
+                    path.display()
                 )));
             }
         }
@@ -284,6 +291,7 @@ impl Text<'_> {
                 pose.and_then(|p| p.sigma_rotation_deg.as_ref()),
             )?,
             viewing,
+            calibration: table.calibration.as_ref().map(|name| folder.join(name)),
             line: self.line(table.file.span().start),
         })
     }

@@ -3,25 +3,40 @@
 //! | module | format | |
 //! |---|---|---|
 //! | [`ply`] | PLY | scans and meshes in; scans, meshes and points out |
+//! | [`obj`] | OBJ | points and meshes in; meshes out |
+//! | [`stl`] | STL, binary and ASCII | points and meshes in; meshes out |
+//! | [`glb`] | GLB, binary glTF 2.0 | points and meshes in; meshes out |
+//! | [`mesh`] | whichever of these four | meshes in and out |
 //! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
 //! | [`pcd`] | PCD, three encodings | organised and plain clouds in |
 //! | [`las`] | LAS, LAZ | points and their classes in |
+//! | [`e57`] | E57 | several scans with poses in |
+//! | [`npy`] | NPY, NPZ | points and organised points in |
+//! | [`depth`] | PNG, TIFF, NPY | depth images in, with the [`calibration`] of their camera |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
 //! | [`model`] | `.planish` (safetensors) | saved models, in and out |
 //!
-//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, PCD and text may be compressed by gzip. Everything is written by [`write_atomically`]: a
+//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, OBJ, STL, GLB, PCD, NPY and text may be compressed by gzip. Everything is written by [`write_atomically`]: a
 //! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
 
+pub mod calibration;
+pub mod depth;
+pub mod e57;
 pub mod geotiff;
+pub mod glb;
 pub mod job;
 pub mod las;
+pub mod mesh;
 pub mod model;
+pub mod npy;
+pub mod obj;
 pub mod pcd;
 pub mod ply;
 pub mod step;
+pub mod stl;
 pub mod vrip;
 pub mod xyz;
 

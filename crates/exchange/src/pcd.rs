@@ -12,10 +12,10 @@ use std::io::Read;
 use std::path::Path;
 
 use planish_estimate::{Error, Result};
-use planish_sense::{RangeGrid, Scan, Viewing};
+use planish_sense::{Scan, Viewing};
 
 use crate::numbers::NumberType;
-use crate::points::{PointCollector, PointColumns};
+use crate::points::{PointCollector, PointColumns, grid_without};
 use crate::source::{Source, next_word, open, parse_number, shown};
 
 /// A field of the records: `count` numbers of one type.
@@ -215,34 +215,15 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     }
     let (mut scan, dropped) = collector.finish(name);
     if header.height > 1 {
-        scan.grid = Some(grid(&header, &dropped)?);
+        let side =
+            |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
+        scan.grid = Some(grid_without(side(header.width)?, side(header.height)?, &dropped));
     }
     scan.viewing = match header.viewpoint {
         Some(origin) if header.height > 1 || origin != [0.0; 3] => Viewing::Origin(origin),
         _ => Viewing::Unknown,
     };
     Ok(scan)
-}
-
-/// The sampling grid: cells in order, those of dropped records empty.
-fn grid(header: &Header, dropped: &[u64]) -> Result<RangeGrid> {
-    let side = |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
-    let mut dropped = dropped.iter().copied().peekable();
-    let mut next = 0;
-    let cells = (0..header.points)
-        .map(|record| {
-            if dropped.next_if_eq(&record).is_some() {
-                return RangeGrid::EMPTY;
-            }
-            next += 1;
-            next - 1
-        })
-        .collect();
-    Ok(RangeGrid {
-        columns: side(header.width)?,
-        rows: side(header.height)?,
-        cells,
-    })
 }
 
 fn cut_off(place: impl std::fmt::Display, header: &Header, found: u64) -> Error {
@@ -388,6 +369,7 @@ fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_sense::RangeGrid;
     use proptest::prelude::*;
 
     fn read(bytes: &[u8]) -> Result<Scan> {

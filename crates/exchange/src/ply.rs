@@ -19,7 +19,8 @@ mod tests;
 mod write;
 mod write_scan;
 
+pub use crate::mesh::{Column, MeshColumns, PolygonMesh};
 pub(crate) use read::read_scan_and_unit;
-pub use read::{PlyContents, PolygonMesh, read_contents, read_mesh, read_scan};
-pub use write::{Column, MeshColumns, write_mesh, write_points};
+pub use read::{PlyContents, read_contents, read_mesh, read_scan};
+pub use write::{write_mesh, write_points};
 pub use write_scan::write_scan;

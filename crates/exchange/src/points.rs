@@ -8,7 +8,10 @@
 use std::fmt::Display;
 
 use planish_estimate::{Error, Result};
-use planish_sense::Scan;
+use planish_sense::{RangeGrid, Scan};
+
+/// Columns four to six are normals when every length is as near to 1.
+const UNIT_LENGTH_WITHIN: f64 = 0.01;
 
 /// Which columns say how uncertain a position is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -218,6 +221,33 @@ impl PointCollector {
         self.scan.dropped_not_finite = self.dropped.len();
         (self.scan, self.dropped)
     }
+}
+
+/// Forgets normals that stood in columns without names, unless every one of them has unit length.
+pub(crate) fn keep_unit_normals(scan: &mut Scan) {
+    let unit_length = |n: &[f64; 3]| {
+        let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+        (length - 1.0).abs() <= UNIT_LENGTH_WITHIN
+    };
+    if !scan.normals.iter().flatten().all(unit_length) {
+        scan.normals = None;
+    }
+}
+
+/// The sampling grid of records that came row by row: cells in order, those of the dropped records empty.
+pub(crate) fn grid_without(columns: usize, rows: usize, dropped: &[u64]) -> RangeGrid {
+    let mut dropped = dropped.iter().copied().peekable();
+    let mut next = 0;
+    let cells = (0..(columns * rows) as u64)
+        .map(|record| {
+            if dropped.next_if_eq(&record).is_some() {
+                return RangeGrid::EMPTY;
+            }
+            next += 1;
+            next - 1
+        })
+        .collect();
+    RangeGrid { columns, rows, cells }
 }
 
 /// Whether `[xx, xy, xz, yy, yz, zz]` is finite and positive definite beyond rounding.

@@ -1,6 +1,7 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! Comes in: paths of scans (`ply`, `pcd`, `las`, `laz`, `xyz`, `txt`, `asc`, `csv`, `pts`) and of lists of scans (`conf`, `toml`), mixed at
+//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `glb`, `npy`, `npz`, `xyz`, `txt`, `asc`, `csv`, `pts`), of
+//! depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans (`conf`, `toml`), mixed at
 //! will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of threads.
 //! Not guaranteed: that scans overlap, or share a frame where no pose was given.
 
@@ -12,14 +13,17 @@ use planish_estimate::{Error, Result};
 use planish_sense::{Pose, Scan, Sensor, SensorKind, Viewing};
 use rayon::prelude::*;
 
+use crate::depth::{calibration_of, is_depth_image, read_depth};
+use crate::e57::read_e57;
 use crate::job::read_job;
 use crate::las::{read_georeference, read_las};
+use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::source::extension;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
-use crate::{GeoReference, Unit};
+use crate::{GeoReference, Unit, glb, obj, stl};
 
 /// Everything that was read for one fit.
 #[derive(Debug, Clone, Default)]
@@ -77,6 +81,8 @@ struct Wanted {
     sigma_translation: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     viewing: Option<Viewing>,
+    /// The calibration of a depth image, where a job names it.
+    calibration: Option<PathBuf>,
     /// What the list and its line are called in messages.
     listed: Option<String>,
 }
@@ -120,7 +126,39 @@ impl Gathered {
     }
 }
 
-fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
+/// What a file of scans gave.
+struct Read {
+    /// At least one; several where the file has several, each with its pose.
+    scans: Vec<Scan>,
+    unit: Option<Unit>,
+    /// The calibration that was read beside it.
+    calibration: Option<PathBuf>,
+}
+
+fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
+    if calibration.is_some() || is_depth_image(path) {
+        let calibration = calibration_of(path, calibration)?;
+        let (scan, unit) = read_depth(path, &calibration)?;
+        return Ok(Read {
+            scans: vec![scan],
+            unit,
+            calibration: Some(calibration),
+        });
+    }
+    let (scans, unit) = match extension(path).as_str() {
+        // Lengths of E57 are metres.
+        "e57" => (read_e57(path)?, Some(Unit::Metre)),
+        _ => read_single(path).map(|(scan, unit)| (vec![scan], unit))?,
+    };
+    Ok(Read {
+        scans,
+        unit,
+        calibration: None,
+    })
+}
+
+/// A file that holds one scan.
+fn read_single(path: &Path) -> Result<(Scan, Option<Unit>)> {
     match extension(path).as_str() {
         "ply" => read_scan_and_unit(path),
         "las" | "laz" => {
@@ -128,6 +166,11 @@ fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
             read_las(path).map(|scan| (scan, unit))
         }
         "pcd" => read_pcd(path).map(|scan| (scan, None)),
+        "npy" => read_npy(path).map(|scan| (scan, None)),
+        "npz" => read_npz(path).map(|scan| (scan, None)),
+        "obj" => obj::read_scan_and_unit(path),
+        "stl" => stl::read_scan_and_unit(path),
+        "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         other => {
             // A wrong name is the likelier mistake.
@@ -142,7 +185,7 @@ fn read_one(path: &Path) -> Result<(Scan, Option<Unit>)> {
                 other => format!("the extension `{other}`"),
             };
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, las, laz, xyz, txt, asc, csv, pts) or a list of scans (conf, toml), found {found}",
+                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {found}",
                 path.display()
             )))
         }
@@ -174,6 +217,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
             sigma_translation: None,
             sigma_rotation_deg: None,
             viewing: None,
+            calibration: None,
             listed: None,
         };
         let at = |line| Some(format!("{} (line {line})", path.display()));
@@ -201,6 +245,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                     sigma_translation: scan.sigma_translation,
                     sigma_rotation_deg: scan.sigma_rotation_deg,
                     viewing: scan.viewing,
+                    calibration: scan.calibration,
                     listed: at(scan.line),
                     ..plain(scan.path, sensors[scan.sensor])
                 }));
@@ -216,7 +261,10 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     }
     refuse_doubles(&wanted)?;
 
-    let read: Vec<Result<(Scan, Option<Unit>)>> = wanted.par_iter().map(|w| read_one(&w.path)).collect();
+    let read: Vec<Result<Read>> = wanted
+        .par_iter()
+        .map(|w| read_one(&w.path, w.calibration.as_deref()))
+        .collect();
     let mut set = ScanSet::default();
     let mut lists = lists.into_iter().peekable();
     for (index, (wanted, read)) in wanted.into_iter().zip(read).enumerate() {
@@ -227,18 +275,23 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                 dropped_not_finite: 0,
             });
         }
-        let (mut scan, unit) = read.map_err(|e| match &wanted.listed {
+        let Read {
+            scans,
+            unit,
+            calibration,
+        } = read.map_err(|e| match &wanted.listed {
             Some(list) => e.in_context(list),
             None => e,
         })?;
         if let Some(unit) = unit {
             gathered.unit(unit, wanted.path.display().to_string())?;
         }
-        if scan.points.is_empty() {
+        let points = scans.iter().map(|scan| scan.points.len()).sum();
+        let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
+        if points == 0 {
             return Err(Error::input(format!(
-                "{}: needed points, found none ({} records without finite coordinates were dropped)",
+                "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were dropped)",
                 wanted.path.display(),
-                scan.dropped_not_finite
             )));
         }
         let georeference = match extension(&wanted.path).as_str() {
@@ -250,19 +303,33 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
         } else if set.georeference != georeference {
             set.georeference = None;
         }
-        scan.world_from_scanner = wanted.pose.unwrap_or(scan.world_from_scanner);
-        scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
+        // Several images may share a camera.
+        if let Some(path) = calibration
+            && !set.inputs.iter().any(|input| input.path == path)
+        {
+            set.inputs.push(InputFile {
+                path,
+                points: 0,
+                dropped_not_finite: 0,
+            });
+        }
         set.inputs.push(InputFile {
             path: wanted.path,
-            points: scan.points.len(),
-            dropped_not_finite: scan.dropped_not_finite,
+            points,
+            dropped_not_finite,
         });
-        set.scans.push(PosedScan {
-            scan,
-            sensor: wanted.sensor,
-            sigma_translation: wanted.sigma_translation,
-            sigma_rotation_deg: wanted.sigma_rotation_deg,
-        });
+        for mut scan in scans {
+            if let Some(world_from_file) = &wanted.pose {
+                scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
+            }
+            scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
+            set.scans.push(PosedScan {
+                scan,
+                sensor: wanted.sensor,
+                sigma_translation: wanted.sigma_translation,
+                sigma_rotation_deg: wanted.sigma_rotation_deg,
+            });
+        }
     }
     set.unit = gathered.unit.map(|(unit, _)| unit);
     set.sensors = gathered.sensors;
@@ -358,7 +425,7 @@ mod tests {
         let folder = folder(&[
             ("a.ply", PLY),
             ("b.xyz", "nan 0 0\n"),
-            ("c.stl", "solid\n"),
+            ("c.3mf", "PK\n"),
             ("d.csv", "x,y,z,sigma\n0,0,0,-1\n"),
             ("l.conf", "bmesh d.csv 0 0 0 0 0 0 1\n"),
         ]);
@@ -381,9 +448,9 @@ mod tests {
                 ErrorKind::Input,
                 "1 records without finite coordinates",
             ),
-            (&["c.stl"], None, ErrorKind::Unsupported, "found the extension `stl`"),
-            (&["gone.stl"], None, ErrorKind::Io, "does not exist"),
-            (&["gone.ply", "c.stl"], None, ErrorKind::Io, "gone.ply: does not exist"),
+            (&["c.3mf"], None, ErrorKind::Unsupported, "found the extension `3mf`"),
+            (&["gone.3mf"], None, ErrorKind::Io, "does not exist"),
+            (&["gone.ply", "c.3mf"], None, ErrorKind::Io, "gone.ply: does not exist"),
             (
                 &["l.conf"],
                 None,

@@ -232,6 +232,17 @@ impl<R: Read> Source<R> {
         Ok(Some(self.take(n)))
     }
 
+    /// The next `n` bytes, fewer where the file ends before; they are handed out again.
+    pub(crate) fn peek(&mut self, n: usize) -> Result<&[u8]> {
+        while self.end - self.start < n {
+            if !self.fill()? {
+                break;
+            }
+        }
+        let found = n.min(self.end - self.start);
+        Ok(&self.buffer[self.start..self.start + found])
+    }
+
     /// Passes over `n` bytes; false where fewer are left.
     pub(crate) fn skip(&mut self, n: u64) -> Result<bool> {
         let mut left = n;

@@ -28,7 +28,7 @@ pub use brep::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use part21::{Id, Part21, integers, reals, text};
 
 use crate::Unit;
-use crate::atomic::write_atomically;
+use crate::atomic::write_packed;
 
 /// The application protocol that a file follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -76,7 +76,7 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
     }
     brep.check(options.uncertainty)
         .map_err(|e| e.in_context(path.display()))?;
-    write_atomically(path, |writer| write_to(writer, brep, options))
+    write_packed(path, |mut writer| write_to(&mut writer, brep, options))
 }
 
 fn write_to(writer: &mut impl Write, brep: &Brep, options: &StepOptions) -> io::Result<()> {

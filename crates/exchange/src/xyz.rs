@@ -17,11 +17,8 @@ use std::path::Path;
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
-use crate::points::{PointCollector, PointColumns};
+use crate::points::{PointCollector, PointColumns, keep_unit_normals};
 use crate::source::{Source, next_word, open, parse_number, shown};
-
-/// A column of six is a normal's when every length is as near to 1.
-const UNIT_LENGTH_WITHIN: f64 = 0.01;
 
 /// Reads points. Records with a coordinate that is not finite (or an empty field) are dropped and counted.
 ///
@@ -216,12 +213,8 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         )));
     };
     let (mut scan, _) = layout.collector.finish(name);
-    let unit_length = |n: &[f64; 3]| {
-        let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
-        (length - 1.0).abs() <= UNIT_LENGTH_WITHIN
-    };
-    if layout.tentative_normals && !scan.normals.iter().flatten().all(unit_length) {
-        scan.normals = None;
+    if layout.tentative_normals {
+        keep_unit_normals(&mut scan);
     }
     Ok(scan)
 }

@@ -1,6 +1,6 @@
 //! Deviations of a model from a reference, and how often the model's stated σ covers them.
 //!
-//! Comes in: a model (`.planish`, or a mesh with columns `sigma` and `observed`) and a [`Reference`]: a mesh, or points with or
+//! Comes in: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]: a mesh, or points with or
 //! without σ. Goes out: a [`ComparisonReport`] in the model's unit.
 //!
 //! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's points to the model's
@@ -18,7 +18,7 @@ use crate::progress::Progress;
 use crate::saved;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
-use planish_exchange::ply::{PolygonMesh, read_mesh};
+use planish_exchange::mesh::{PolygonMesh, is_mesh_file, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, variance_along};
@@ -127,14 +127,14 @@ pub struct CompareOptions {
 }
 
 impl Compared {
-    /// Reads a `.planish` model or a PLY mesh.
+    /// Reads a `.planish` model or a mesh: PLY, OBJ, STL or GLB.
     ///
     /// # Errors
     /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ that is negative or not finite.
     pub fn read(path: &Path) -> Result<Self> {
         match planish_exchange::extension(path).as_str() {
             "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
-            "ply" => {
+            _ if is_mesh_file(path) => {
                 let file = read_mesh(path)?;
                 if file.triangles.is_empty() {
                     return Err(Error::input(format!(
@@ -161,7 +161,7 @@ impl Compared {
                 }))
             }
             other => Err(Error::unsupported(format!(
-                "{}: needed a model (.planish) or a mesh (.ply), found the extension `{other}`",
+                "{}: needed a model (.planish) or a mesh (.ply, .obj, .stl, .glb), found the extension `{other}`",
                 path.display()
             ))),
         }
@@ -178,12 +178,12 @@ impl Compared {
 impl Reference {
     /// Reads a mesh or a cloud: any file that a fit reads.
     ///
-    /// A PLY file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its sensors.
+    /// A mesh file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its sensors.
     ///
     /// # Errors
     /// As the readers; `Input` for a σ that is not positive.
     pub fn read(path: &Path) -> Result<Self> {
-        if planish_exchange::extension(path) != "ply" {
+        if !is_mesh_file(path) {
             return Ok(Self::from_scans(&read_inputs(&[path], None)?));
         }
         let file = read_mesh(path)?;

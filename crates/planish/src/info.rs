@@ -11,7 +11,8 @@ use crate::model::{PoseReport, SensorReport};
 use crate::saved::{SavedModel, Session, load_with_provenance};
 use planish_estimate::{Error, Result};
 use planish_exchange::extension;
-use planish_exchange::ply::{PlyContents, read_contents, read_mesh};
+use planish_exchange::mesh::{PolygonMesh, is_mesh_file, read_mesh};
+use planish_exchange::ply::read_contents;
 use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
@@ -221,11 +222,20 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
             let contents = read_contents(path)?;
             // A file of points may carry an empty list of faces.
             if contents.count("face") > 0 {
-                mesh(path, contents, unit)
+                mesh(path, read_mesh(path)?, contents.properties("vertex").to_vec(), unit)
             } else {
-                scans(path, Some(&contents), unit)
+                scans(path, contents.unit, unit)
             }
         }
+        _ if is_mesh_file(path) => match read_mesh(path) {
+            Ok(file) if !file.triangles.is_empty() => {
+                let others = file.columns.iter().map(|(name, _)| name.as_str());
+                let columns = ["x", "y", "z"].into_iter().chain(others).map(str::to_owned).collect();
+                mesh(path, file, columns, unit)
+            }
+            Ok(file) => scans(path, file.unit, unit),
+            Err(e) => Err(e),
+        },
         "step" | "stp" => Err(Error::unsupported(format!(
             "{}: STEP files are written but not read: open it in a CAD program, or ask about the .planish file beside it",
             path.display()
@@ -234,8 +244,8 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     }
 }
 
-fn scans(path: &Path, ply: Option<&PlyContents>, unit: Option<Unit>) -> Result<FileInfo> {
-    let named = ply.and_then(|ply| ply.unit);
+/// A file of points in the unit that it names, or else in the given one.
+fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
     let mut warnings = Vec::new();
@@ -326,8 +336,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
     }
 }
 
-fn mesh(path: &Path, contents: PlyContents, unit: Option<Unit>) -> Result<FileInfo> {
-    let file = read_mesh(path)?;
+fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>) -> Result<FileInfo> {
     let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
     let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
     let sigma = match file.column("sigma") {
@@ -362,7 +371,7 @@ fn mesh(path: &Path, contents: PlyContents, unit: Option<Unit>) -> Result<FileIn
         contents: Contents::Mesh(MeshInfo {
             vertices: check.vertices,
             triangles: check.triangles,
-            columns: contents.properties("vertex").to_vec(),
+            columns,
             watertight: check.watertight,
             manifold: check.manifold,
             boundary_edges: check.boundary_edges,

@@ -1,6 +1,6 @@
 //! Triangle meshes of a model whose every vertex says how well it is known.
 //!
-//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`.
+//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ.
 //! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured and 0 where only the prior speaks.
 //! The same bytes at any number of threads.
 //!
@@ -12,7 +12,7 @@ use crate::model::{Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use planish_estimate::Result;
 use planish_exchange::Unit;
-use planish_exchange::ply::{Column, MeshColumns, write_mesh};
+use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::TriangleMesh;
 use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
@@ -149,10 +149,10 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
     posterior.sigma_summary(&model.observed)
 }
 
-/// Writes a model's mesh as PLY.
+/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with `.gz` behind.
 ///
 /// # Errors
-/// `Io` when the file cannot be written; nothing is left half-written.
+/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be written; nothing is left half-written.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
     write_mesh(
         path,
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use crate::test_support::{SIGMA, model_of, refined_surface, small_model};
     use planish_estimate::vector3::norm;
-    use planish_exchange::ply::read_mesh;
+    use planish_exchange::mesh::read_mesh;
     use planish_spline::Shape;
 
     #[test]
@@ -284,6 +284,32 @@ mod tests {
             (mesh.mesh.positions, mesh.mesh.triangles)
         );
         assert_eq!(read.unit, Some(Unit::Millimetre));
+    }
+
+    #[test]
+    fn every_format_holds_the_same_triangles() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = small_model(Shape::Ball);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        for name in ["a.ply.gz", "a.obj", "a.obj.gz", "a.stl", "a.glb", "a.glb.gz"] {
+            let path = folder.path().join(name);
+            write_model_mesh(&mesh, &path).unwrap();
+            let read = read_mesh(&path).unwrap();
+            let scale = read.unit.unwrap().millimetres();
+            assert_eq!(read.triangles.len(), mesh.mesh.triangles.len(), "{name}");
+            for (found, expected) in read.triangles.iter().zip(&mesh.mesh.triangles).step_by(7) {
+                for k in 0..3 {
+                    let (a, b) = (
+                        read.points[found[k] as usize],
+                        mesh.mesh.positions[expected[k] as usize],
+                    );
+                    assert!((0..3).all(|d| (scale * a[d] - b[d]).abs() < 1e-6), "{name} {a:?} {b:?}");
+                }
+            }
+            let sigma = read.column("sigma").map(|sigma| scale * sigma[5]);
+            assert_eq!(sigma.is_some(), name.contains("ply") || name.contains("glb"), "{name}");
+            assert!(sigma.is_none_or(|s| (s / mesh.sigma[5] - 1.0).abs() < 1e-6), "{name}");
+        }
     }
 
     #[test]

@@ -12,19 +12,12 @@ use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
-use planish_exchange::{GeoReference, Unit, check_writable, real_path};
+use planish_exchange::{GeoReference, Unit, check_writable, extension, real_path, stl};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
-
-/// A path's extension in lower case; empty where it has none.
-fn extension(path: &Path) -> String {
-    path.extension()
-        .map(|e| e.to_string_lossy().to_lowercase())
-        .unwrap_or_default()
-}
 
 /// What can be written of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -36,12 +29,18 @@ pub enum OutputFormat {
     Ply,
     /// A raster of heights with their σ, of a sheet: `.tif`, `.tiff`.
     Tiff,
+    /// A mesh with normals: `.obj`.
+    Obj,
+    /// Triangles: `.stl`.
+    Stl,
+    /// A mesh for viewers, coloured by σ: `.glb`.
+    Glb,
     /// The model itself, to be updated and compared: `.planish`.
     Planish,
 }
 
 impl OutputFormat {
-    /// The format that a path's extension asks for.
+    /// The format that a path's extension asks for; meshes and STEP may be compressed (`.ply.gz`).
     ///
     /// # Errors
     /// `Unsupported` for any other extension, or none.
@@ -49,21 +48,47 @@ impl OutputFormat {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
-            "tif" | "tiff" => Ok(Self::Tiff),
-            "planish" => Ok(Self::Planish),
+            "tif" | "tiff" if !is_packed(path) => Ok(Self::Tiff),
+            "obj" => Ok(Self::Obj),
+            "stl" => Ok(Self::Stl),
+            "glb" => Ok(Self::Glb),
+            "planish" if !is_packed(path) => Ok(Self::Planish),
             other => {
                 let found = match other {
                     "" => "none".to_owned(),
+                    "planish" => "`planish.gz`".to_owned(),
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply (mesh with σ), .tif (raster of \
-                     heights) or .planish (saved model), found {found}",
+                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply or .glb (mesh with σ), .obj or \
+                     .stl (mesh), .tif (raster of heights) or .planish (saved model), found {found}",
                     path.display()
                 )))
             }
         }
     }
+}
+
+impl OutputFormat {
+    /// Whether it holds triangles.
+    fn is_mesh(self) -> bool {
+        matches!(self, Self::Ply | Self::Obj | Self::Stl | Self::Glb)
+    }
+}
+
+fn is_packed(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
+}
+
+/// A file's name without its extension, and without that of gzip behind.
+fn plain_name(path: &Path) -> String {
+    let stem = Path::new(path.file_stem().unwrap_or_default());
+    let stem = if is_packed(path) {
+        stem.file_stem()
+    } else {
+        Some(stem.as_os_str())
+    };
+    stem.unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// A file to be written.
@@ -174,12 +199,11 @@ pub fn prepare<'a>(
     outputs: &'a [PlannedOutput],
     options: &OutputOptions,
 ) -> Result<Prepared<'a>> {
-    let wanted = |format| outputs.iter().any(|output| output.format == format);
-    let mesh = match wanted(OutputFormat::Ply) {
+    let mesh = match outputs.iter().any(|output| output.format.is_mesh()) {
         true => Some(mesh_from_model(model, posterior, options.mesh_tolerance)?),
         false => None,
     };
-    let dem = match wanted(OutputFormat::Tiff) {
+    let dem = match outputs.iter().any(|output| output.format == OutputFormat::Tiff) {
         true => Some(dem_from_model(
             model,
             posterior,
@@ -188,21 +212,44 @@ pub fn prepare<'a>(
         )?),
         false => None,
     };
-    let brep = wanted(OutputFormat::Step).then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
+    let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
+    let brep = step.then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
     if let Some(brep) = &brep {
         brep.check(step_uncertainty(model.unit))?;
+    }
+    let mut warnings: Vec<String> = (mesh.iter().flat_map(|mesh| &mesh.warnings))
+        .chain(dem.iter().flat_map(|dem| &dem.warnings))
+        .cloned()
+        .collect();
+    if let Some(mesh) = &mesh {
+        warnings.extend(stl_warnings(mesh, outputs));
     }
     Ok(Prepared {
         model,
         outputs,
-        warnings: (mesh.iter().flat_map(|mesh| &mesh.warnings))
-            .chain(dem.iter().flat_map(|dem| &dem.warnings))
-            .cloned()
-            .collect(),
+        warnings,
         mesh,
         dem,
         brep,
     })
+}
+
+/// STL files whose seven digits are too few for a mesh.
+fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
+    let rounding = stl::rounding(&mesh.mesh.positions);
+    if rounding <= 0.5 * mesh.tolerance {
+        return Vec::new();
+    }
+    let files = outputs.iter().filter(|output| output.format == OutputFormat::Stl);
+    files
+        .map(|output| {
+            format!(
+                "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} {}: .ply, .obj and .glb do not",
+                output.path.display(),
+                mesh.unit
+            )
+        })
+        .collect()
 }
 
 impl Prepared<'_> {
@@ -240,7 +287,7 @@ impl Prepared<'_> {
         match (output.format, &self.brep, &self.mesh, &self.dem) {
             (OutputFormat::Step, Some(brep), ..) => {
                 let options = StepOptions {
-                    name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                    name: plain_name(path),
                     unit: self.model.unit,
                     uncertainty: step_uncertainty(self.model.unit),
                     ..StepOptions::default()
@@ -253,7 +300,7 @@ impl Prepared<'_> {
                 written.cells = Some([dem.grid.columns, dem.grid.rows, dem.known]);
                 written.cell_size = Some(dem.grid.cell);
             }
-            (OutputFormat::Ply, _, Some(mesh), _) => {
+            (format, _, Some(mesh), _) if format.is_mesh() => {
                 write_model_mesh(mesh, path)?;
                 written.vertices = Some(mesh.mesh.positions.len());
                 written.triangles = Some(mesh.mesh.triangles.len());
@@ -267,4 +314,60 @@ impl Prepared<'_> {
 
 fn step_uncertainty(unit: Unit) -> f64 {
     STEP_UNCERTAINTY_MM / unit.millimetres()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::TriangleMesh;
+
+    #[test]
+    fn the_extension_says_what_to_write() {
+        for (name, format) in [
+            ("a.step", OutputFormat::Step),
+            ("a.STP.gz", OutputFormat::Step),
+            ("a.ply.gz", OutputFormat::Ply),
+            ("a.obj", OutputFormat::Obj),
+            ("a.STL", OutputFormat::Stl),
+            ("a.glb", OutputFormat::Glb),
+            ("a.planish", OutputFormat::Planish),
+        ] {
+            assert_eq!(OutputFormat::of(Path::new(name)).unwrap(), format, "{name}");
+        }
+        for name in ["a", "a.gz", "a.3mf", "a.planish.gz"] {
+            assert!(OutputFormat::of(Path::new(name)).is_err(), "{name}");
+        }
+        assert_eq!(
+            (plain_name(Path::new("d/a.step")), plain_name(Path::new("a.b.step.gz"))),
+            ("a".to_owned(), "a.b".to_owned())
+        );
+    }
+
+    #[test]
+    fn an_stl_file_too_coarse_for_its_mesh_is_reported() {
+        let mesh = |offset: f64| ModelMesh {
+            mesh: TriangleMesh {
+                positions: vec![[offset, 0.0, 0.0], [offset + 1.0, 0.0, 0.0], [offset, 1.0, 0.0]],
+                triangles: vec![[0, 1, 2]],
+            },
+            normals: vec![[0.0, 0.0, 1.0]; 3],
+            sigma: vec![0.02; 3],
+            observed: vec![1; 3],
+            tolerance: 0.01,
+            unit: Unit::Metre,
+            warnings: Vec::new(),
+        };
+        let outputs = ["a.ply", "a.stl"].map(|name| PlannedOutput {
+            path: name.into(),
+            format: OutputFormat::of(Path::new(name)).unwrap(),
+        });
+        assert!(stl_warnings(&mesh(100.0), &outputs).is_empty());
+        let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else {
+            panic!("needed one warning")
+        };
+        assert!(
+            warning.starts_with("a.stl: ") && warning.contains("m: .ply, .obj and .glb do not"),
+            "{warning}"
+        );
+    }
 }

@@ -1,11 +1,13 @@
 //! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are of the ground.
 
+mod depth_camera;
 mod ground;
 mod normals;
 mod pose;
 mod scan;
 mod sensor;
 
+pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};
 pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,

@@ -113,6 +113,16 @@ impl Pose {
         ]
     }
 
+    /// The motion that first does `inner`, then this one.
+    #[must_use]
+    pub fn after(&self, inner: &Self) -> Self {
+        let columns = [0, 1, 2].map(|k| self.rotate(inner.rotation.map(|row| row[k])));
+        Self {
+            rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i])),
+            translation: self.apply(inner.translation),
+        }
+    }
+
     /// The motion that undoes this one.
     #[must_use]
     pub fn inverse(&self) -> Self {
@@ -133,6 +143,16 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_motion_after_another_is_both() {
+        let first = Pose::from_quaternion_xyzw([0.1, -0.7, 0.2, 0.6], [1.0, 2.0, 3.0]).unwrap();
+        let then = Pose::from_quaternion_xyzw([0.3, 0.1, -0.2, 0.5], [-4.0, 0.5, 2.0]).unwrap();
+        let p = [0.3, -0.4, 0.5];
+        let (both, stepwise) = (then.after(&first).apply(p), then.apply(first.apply(p)));
+        assert!(both.iter().zip(stepwise).all(|(a, b)| (a - b).abs() < 1e-14));
+        assert_eq!(Pose::identity().after(&first), first);
+    }
 
     #[test]
     fn quaternion_there_and_back_keeps_the_motion() {

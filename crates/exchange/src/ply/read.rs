@@ -9,29 +9,9 @@ use planish_sense::{RangeGrid, Scan, Viewing};
 use super::body::{Place, Row, check_count, read_rows, skip_rows};
 use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
+use crate::mesh::PolygonMesh;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::{Source, open};
-
-/// Triangles with named numbers at their vertices, as a file holds them.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct PolygonMesh {
-    /// Positions, in the file's unit; all finite.
-    pub points: Vec<[f64; 3]>,
-    /// Indices of the corners, all below `points.len()`. A polygon is cut into the fan of its first corner.
-    pub triangles: Vec<[u32; 3]>,
-    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not finite).
-    pub columns: Vec<(String, Vec<f64>)>,
-    /// The unit of length, where a line `comment unit mm` names it.
-    pub unit: Option<Unit>,
-}
-
-impl PolygonMesh {
-    /// The numbers of a vertex property.
-    #[must_use]
-    pub fn column(&self, name: &str) -> Option<&[f64]> {
-        self.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_slice())
-    }
-}
 
 /// Reads the points of a scan and what the file says about their errors.
 ///

@@ -6,46 +6,10 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 
-use crate::Unit;
-use crate::atomic::write_atomically;
-
-/// One number for each vertex.
-#[derive(Debug, Clone, Copy)]
-pub enum Column<'a> {
-    /// Written as `double`.
-    F64(&'a [f64]),
-    /// Written as `uchar`.
-    U8(&'a [u8]),
-}
-
-impl Column<'_> {
-    fn len(&self) -> usize {
-        match self {
-            Self::F64(values) => values.len(),
-            Self::U8(values) => values.len(),
-        }
-    }
-}
-
-/// What a mesh file holds.
-///
-/// The mesh of a fit has normals and the columns `sigma` ([`Column::F64`], along the normal) and `observed`
-/// ([`Column::U8`]: 1 measured, 0 prior only, 2 completed).
-#[derive(Debug, Clone, Default)]
-pub struct MeshColumns<'a> {
-    /// Positions.
-    pub points: &'a [[f64; 3]],
-    /// Normals `nx ny nz`, one for each point.
-    pub normals: Option<&'a [[f64; 3]]>,
-    /// Further columns: a name without blanks and one number for each point.
-    pub columns: Vec<(&'a str, Column<'a>)>,
-    /// Corners of triangles.
-    pub triangles: &'a [[u32; 3]],
-    /// Unit of length, written as `comment unit mm`.
-    pub unit: Option<Unit>,
-}
+use crate::atomic::write_packed;
+use crate::mesh::{Column, MeshColumns};
 
 /// Writes a mesh; [`read_mesh`](super::read_mesh) gives back the same numbers.
 ///
@@ -80,48 +44,8 @@ pub fn write_points(path: &Path, mesh: &MeshColumns) -> Result<()> {
 }
 
 fn write_file(path: &Path, mesh: &MeshColumns, faces: bool) -> Result<()> {
-    check(mesh, faces).map_err(|e| e.in_context(path.display()))?;
-    write_atomically(path, |writer| write_to(writer, mesh, faces))
-}
-
-fn check(mesh: &MeshColumns, faces: bool) -> Result<()> {
-    let points = mesh.points.len();
-    let normals = mesh.normals.map(|n| ("normals", n.len()));
-    let columns = mesh.columns.iter().map(|(name, column)| (*name, column.len()));
-    for (name, length) in columns.clone().chain(normals) {
-        if length != points {
-            return Err(Error::input(format!(
-                "needed {points} entries in the column `{name}`, found {length}"
-            )));
-        }
-    }
-    let mut names: Vec<&str> = vec!["x", "y", "z"];
-    if mesh.normals.is_some() {
-        names.extend(["nx", "ny", "nz"]);
-    }
-    for (name, _) in columns {
-        let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
-        if !word || names.contains(&name) {
-            return Err(Error::input(format!(
-                "the column name {name:?}: needed one word that no other column has"
-            )));
-        }
-        names.push(name);
-    }
-    if faces {
-        let limit = points.min(i32::MAX as usize);
-        if let Some(at) = mesh
-            .triangles
-            .iter()
-            .position(|t| t.iter().any(|&v| v as usize >= limit))
-        {
-            return Err(Error::input(format!(
-                "triangle {at}: needed indices below {limit}, found {:?}",
-                mesh.triangles[at]
-            )));
-        }
-    }
-    Ok(())
+    mesh.check(faces).map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| write_to(&mut writer, mesh, faces))
 }
 
 pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool) -> io::Result<()> {

@@ -326,7 +326,7 @@ fn columns_that_cannot_be_are_refused_by_vertex() {
     let e = Compared::read(&write("b.ply", "x y z", "0 0 0")).unwrap_err();
     assert!(e.to_string().contains("found points only"), "{e}");
     assert_eq!(
-        Compared::read(Path::new("a.stl")).unwrap_err().kind(),
+        Compared::read(Path::new("a.3mf")).unwrap_err().kind(),
         ErrorKind::Unsupported
     );
 }

@@ -1,0 +1,152 @@
+//! Calibration TOML: what is known of a camera.
+//!
+//! Comes in: a TOML file. Goes out: a [`Calibration`]. Keys that are not known are errors, so that no misspelt σ goes unnoticed.
+//!
+//! ```toml
+//! unit = "m"                # of every length here, and of the points: mm, m or in; may be left out
+//! fx = 525.0                # focal lengths, in pixels
+//! fy = 525.0
+//! cx = 319.5                # the pixel on the axis; centres are at integers
+//! cy = 239.5
+//! scale = 0.001             # the length of one step of depth; 1 where it is left out
+//! sigma_a = 0.0015          # σ = a + b z² of a depth z; both may be left out
+//! sigma_b = 0.0019
+//! ```
+//!
+//! Not guaranteed: lenses are taken for undistorted.
+
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::DepthCamera;
+use serde::Deserialize;
+
+use crate::Unit;
+use crate::source::read_text;
+
+/// A calibrated depth camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    /// The camera.
+    pub camera: DepthCamera,
+    /// The unit of its lengths, where it is named.
+    pub unit: Option<Unit>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    unit: Option<String>,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    #[serde(default = "one")]
+    scale: f64,
+    sigma_a: Option<f64>,
+    sigma_b: Option<f64>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Reads the calibration of a depth camera.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing; [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed,
+/// keys that are missing or not known, and numbers out of range: with file, line and key.
+pub fn read_calibration(path: &Path) -> Result<Calibration> {
+    read_text(path)
+        .and_then(|text| parse(&text))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+fn parse(text: &str) -> Result<Calibration> {
+    let table: Table = toml::from_str(text).map_err(|e| {
+        let line = e.span().map_or(1, |span| {
+            1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count()
+        });
+        Error::input(format!(
+            "line {line}: {}; a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit",
+            e.message().trim_end()
+        ))
+    })?;
+    let numbers = [
+        ("fx", Some(table.fx), table.fx > 0.0),
+        ("fy", Some(table.fy), table.fy > 0.0),
+        ("cx", Some(table.cx), true),
+        ("cy", Some(table.cy), true),
+        ("scale", Some(table.scale), table.scale > 0.0),
+        ("sigma_a", table.sigma_a, table.sigma_a.is_none_or(|a| a >= 0.0)),
+        ("sigma_b", table.sigma_b, table.sigma_b.is_none_or(|b| b >= 0.0)),
+    ];
+    for (key, value, good) in numbers {
+        if let Some(value) = value.filter(|v| !(good && v.is_finite())) {
+            let needed = match key {
+                "cx" | "cy" => "a finite number",
+                "sigma_a" | "sigma_b" => "a finite number that is not negative",
+                _ => "a finite number above 0",
+            };
+            return Err(Error::input(format!("needed {needed} for {key}, found {value}")));
+        }
+    }
+    let sigma = match (table.sigma_a, table.sigma_b) {
+        (None, None) => None,
+        (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),
+    };
+    if sigma == Some([0.0; 2]) {
+        return Err(Error::input("needed sigma_a or sigma_b above 0: readings have errors"));
+    }
+    Ok(Calibration {
+        camera: DepthCamera {
+            focal: [table.fx, table.fy],
+            center: [table.cx, table.cy],
+            scale: table.scale,
+            sigma,
+        },
+        unit: table.unit.map(|name| name.parse()).transpose()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_is_read_and_what_is_left_out_has_its_default() {
+        let text = "fx = 525\nfy = 520.5\ncx = 319.5\ncy = 239.5\n";
+        let found = parse(text).unwrap();
+        assert_eq!(
+            (found.camera.focal, found.camera.scale, found.unit),
+            ([525.0, 520.5], 1.0, None)
+        );
+        assert_eq!(found.camera.sigma, None);
+        let found = parse(&format!("unit = \"m\"\nscale = 0.001\nsigma_b = 0.002\n{text}")).unwrap();
+        assert_eq!(
+            (found.camera.sigma, found.unit),
+            (Some([0.0, 0.002]), Some(Unit::Metre))
+        );
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let with = |line: &str| {
+            parse(&format!("fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\n{line}\n"))
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(with("sigm_a = 1").contains("line 5"));
+        assert!(with("scale = 0").contains("above 0 for scale, found 0"));
+        assert!(with("sigma_a = -1").contains("sigma_a, found -1"));
+        assert!(with("sigma_a = 0").contains("above 0"));
+        assert!(with("unit = \"cm\"").contains("`cm`"));
+        let e = parse("fx = 525\n").unwrap_err().to_string();
+        assert!(
+            e.contains("missing field `fy`") && e.contains("needs fx fy cx cy"),
+            "{e}"
+        );
+        let e = parse("fx = inf\nfy = 1\ncx = 0\ncy = nan\n").unwrap_err().to_string();
+        assert!(e.contains("fx, found inf"), "{e}");
+    }
+}

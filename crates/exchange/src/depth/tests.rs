@@ -1,0 +1,164 @@
+use std::fs;
+use std::io::Cursor;
+
+use planish_estimate::ErrorKind;
+use planish_sense::{RangeGrid, variance_along};
+use proptest::prelude::*;
+use tiff::encoder::{TiffEncoder, colortype};
+
+use super::*;
+use crate::read_inputs;
+
+const CAMERA: &str =
+    "unit = \"m\"\nfx = 2\nfy = 2\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
+/// Three columns and two rows, in millimetres; one has no reading.
+const DEPTHS: [u16; 6] = [1000, 2000, 0, 1500, 65535, 1000];
+
+fn png(colour: png::ColorType, depth: png::BitDepth, body: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 3, 2);
+    encoder.set_color(colour);
+    encoder.set_depth(depth);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(body).unwrap();
+    writer.finish().unwrap();
+    bytes
+}
+
+fn png16() -> Vec<u8> {
+    let body: Vec<u8> = DEPTHS.iter().flat_map(|d| d.to_be_bytes()).collect();
+    png(png::ColorType::Grayscale, png::BitDepth::Sixteen, &body)
+}
+
+fn tiff32() -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let depths = DEPTHS.map(|d| if d == 0 { f32::NAN } else { f32::from(d) });
+    TiffEncoder::new(&mut bytes)
+        .unwrap()
+        .write_image::<colortype::Gray32Float>(3, 2, &depths)
+        .unwrap();
+    bytes.into_inner()
+}
+
+fn npy() -> Vec<u8> {
+    let header = "{'descr': '<u2', 'fortran_order': False, 'shape': (2, 3)}\n";
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
+    bytes.extend_from_slice(header.as_bytes());
+    bytes.extend(DEPTHS.iter().flat_map(|d| d.to_le_bytes()));
+    bytes
+}
+
+#[test]
+fn every_format_gives_the_same_organised_scan() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("camera.toml"), CAMERA).unwrap();
+    for (name, bytes) in [("a.png", png16()), ("b.tif", tiff32()), ("c.npy", npy())] {
+        fs::write(at(name), bytes).unwrap();
+        let job = format!("[[scan]]\nfile = \"{name}\"\ncalibration = \"camera.toml\"\n");
+        fs::write(at("job.toml"), job).unwrap();
+        let set = read_inputs(&[at("job.toml")], None).unwrap();
+        assert_eq!(set.unit, Some(Unit::Metre), "{name}");
+        let inputs: Vec<_> = set.inputs.iter().map(|i| i.path.file_name().unwrap()).collect();
+        assert_eq!(inputs, ["job.toml", "camera.toml", name]);
+        let scan = &set.scans[0].scan;
+        assert_eq!((scan.points.len(), scan.dropped_not_finite), (5, 1), "{name}");
+        assert_eq!(scan.viewing, Viewing::Origin([0.0; 3]));
+        let grid = scan.grid.as_ref().unwrap();
+        assert_eq!((grid.columns, grid.rows), (3, 2));
+        assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2, 3, 4]);
+        // Column 0, row 1: half a unit left of the axis and a quarter below it, at 1.5 m.
+        let p = scan.points[2];
+        assert!(
+            p.iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12),
+            "{name} {p:?}"
+        );
+        let sigma = variance_along(
+            &scan.covariance.as_ref().unwrap()[2],
+            [-0.75, 0.375, 1.5].map(|c| c / 2.953_125_f64.sqrt()),
+        )
+        .sqrt();
+        assert!((sigma - 0.0055 * 1.3125_f64.sqrt()).abs() < 1e-12, "{name} {sigma}");
+    }
+}
+
+#[test]
+fn the_calibration_may_lie_beside_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.png");
+    fs::write(&path, png16()).unwrap();
+    let e = read_inputs(&[&path], None).unwrap_err().to_string();
+    assert!(
+        e.contains("depth.png: a depth image needs") && e.contains("depth.toml with fx fy cx cy"),
+        "{e}"
+    );
+    fs::write(folder.path().join("depth.toml"), CAMERA).unwrap();
+    assert_eq!(read_inputs(&[&path], None).unwrap().scans[0].scan.points.len(), 5);
+    let e = read_inputs(&[folder.path().join("gone.png")], None).unwrap_err();
+    assert!(
+        e.kind() == ErrorKind::Io && e.to_string().contains("does not exist"),
+        "{e}"
+    );
+    let job = folder.path().join("job.toml");
+    fs::write(&job, "[[scan]]\nfile = \"depth.png\"\ncalibration = \"gone.toml\"\n").unwrap();
+    let e = read_inputs(&[&job], None).unwrap_err().to_string();
+    assert!(e.contains("the calibration") && e.contains("gone.toml"), "{e}");
+    fs::write(&job, "[[scan]]\nfile = \"a.xyz\"\ncalibration = \"depth.toml\"\n").unwrap();
+    fs::write(folder.path().join("a.xyz"), "1 2 3\n").unwrap();
+    let e = read_inputs(&[&job], None).unwrap_err().to_string();
+    assert!(e.contains("needed a depth image") && e.contains("`xyz`"), "{e}");
+}
+
+fn image(name: &str, bytes: &[u8]) -> Result<Image> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    fs::write(&path, bytes).unwrap();
+    read_image(&path)
+}
+
+#[test]
+fn pictures_and_damaged_files_are_refused() {
+    let picture = png(png::ColorType::Rgb, png::BitDepth::Eight, &[0; 18]);
+    let e = image("a.png", &picture).err().unwrap();
+    assert!(
+        e.kind() == ErrorKind::Unsupported && e.to_string().contains("Rgb"),
+        "{e}"
+    );
+    let eight = png(png::ColorType::Grayscale, png::BitDepth::Eight, &[1, 2, 3, 4, 5, 6]);
+    assert_eq!(image("a.png", &eight).unwrap().readings, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    assert!(image("a.tif", b"II*\0").is_err() && image("a.png", b"no image").is_err());
+    // Image data ends before the last chunk: what is cut off there loses nothing.
+    let whole = png16();
+    for end in 0..whole.len() {
+        if let Ok(found) = image("a.png", &whole[..end]) {
+            assert_eq!(found.readings, DEPTHS.map(f64::from), "{end}");
+        }
+    }
+    let whole = tiff32();
+    for end in 0..whole.len() {
+        if let Ok(found) = image("a.tif", &whole[..end]) {
+            assert_eq!(found.readings.len(), 6, "{end}");
+        }
+    }
+    let whole = npy();
+    for end in 0..whole.len() {
+        assert!(image("a.npy", &whole[..end]).is_err(), "{end}");
+    }
+    // Width and height of a PNG, with the checksum that they need.
+    let mut bomb = png16();
+    bomb[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    assert!(image("a.png", &bomb).is_err());
+    assert!(check_promise(1 << 31, 1 << 31, Some(1000)).is_err());
+}
+
+proptest! {
+    #[test]
+    fn no_change_of_a_byte_makes_it_panic(at in 0_usize..300, value in any::<u8>()) {
+        for (name, mut bytes) in [("a.png", png16()), ("a.tif", tiff32()), ("a.npy", npy())] {
+            let at = at % bytes.len();
+            bytes[at] = value;
+            let _ = image(name, &bytes);
+        }
+    }
+}

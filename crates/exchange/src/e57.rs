@@ -1,0 +1,224 @@
+//! E57, the exchange format of terrestrial scanners: several scans in one file, each with its pose.
+//!
+//! Comes in: an ASTM E2807 file, Cartesian or spherical. Goes out: a [`Scan`] for every point cloud, in its scanner's own frame with its
+//! pose, in metres, the unit of the format. Points that are marked as invalid are dropped and counted. Indices of rows and columns
+//! give the sampling grid, where no two points share a cell. Rays leave the origin of the frame of spherical and organised clouds, and of those
+//! with a pose; others may be of any origin.
+//!
+//! Not guaranteed: colours, intensities, images and times are passed over.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use e57::{E57Reader, PointCloud, Record, RecordDataType, RecordName, RecordValue};
+use planish_estimate::{Error, ErrorKind, Result};
+use planish_sense::{Pose, RangeGrid, Scan, Viewing};
+
+use crate::points::{PointCollector, PointColumns};
+use crate::source::open_file;
+
+/// A grid of more cells a point than this is mostly holes.
+const MOST_CELLS_A_POINT: u64 = 64;
+
+/// Reads all point clouds that have points; one without any where none has.
+///
+/// # Errors
+/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is malformed, cut off, or holds no point cloud:
+/// with the file, the cloud and the point.
+pub fn read_e57(path: &Path) -> Result<Vec<Scan>> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    scans_from(path, &name).map_err(|e| e.in_context(path.display()))
+}
+
+fn damaged(e: e57::Error, what: &str) -> Error {
+    Error::input(format!("{what}: the file is damaged, cut off or no E57 file")).with_source(e)
+}
+
+fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
+    let (file, length) = open_file(path)?;
+    let mut reader = E57Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
+    let clouds = reader.pointclouds();
+    let mut scans = Vec::with_capacity(clouds.len());
+    for (number, cloud) in clouds.iter().enumerate() {
+        let label = match (&clouds[..], &cloud.name) {
+            ([_], _) => name.to_owned(),
+            (_, Some(own)) if !own.is_empty() => format!("{name} {} ({own})", number + 1),
+            _ => format!("{name} {}", number + 1),
+        };
+        let read = scan_from(&mut reader, cloud, &label, length);
+        scans.push(read.map_err(|e| e.in_context(format_args!("point cloud {}", number + 1)))?);
+    }
+    if scans.is_empty() {
+        return Err(Error::input("needed at least one point cloud, found none"));
+    }
+    if scans.iter().any(|scan| !scan.points.is_empty()) {
+        scans.retain(|scan| !scan.points.is_empty());
+    } else {
+        scans.truncate(1);
+    }
+    Ok(scans)
+}
+
+/// Bits that a value of a record takes.
+fn bits(record: &Record) -> u64 {
+    match record.data_type {
+        RecordDataType::Single { .. } => 32,
+        RecordDataType::Double { .. } => 64,
+        RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => {
+            u64::from(128 - (i128::from(max) - i128::from(min)).max(0).leading_zeros())
+        }
+    }
+}
+
+fn scan_from(
+    reader: &mut E57Reader<BufReader<File>>,
+    cloud: &PointCloud,
+    name: &str,
+    length: Option<u64>,
+) -> Result<Scan> {
+    let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
+    if !cartesian && !spherical {
+        return Err(Error::new(
+            ErrorKind::Input,
+            "needed Cartesian or spherical coordinates, found neither",
+        ));
+    }
+    let record: u64 = cloud.prototype.iter().map(bits).sum();
+    // Points that take no bits at all could be of any number.
+    let needed = cloud.records.saturating_mul(record.max(1)) / 8;
+    if let Some(length) = length
+        && needed > length
+    {
+        return Err(Error::input(format!(
+            "{} points are promised, which take at least {needed} bytes, but the file has {length}: it is cut off or its header is wrong",
+            cloud.records
+        )));
+    }
+    if record == 0 && cloud.records > 0 {
+        return Err(Error::input("every coordinate of every point is the same"));
+    }
+    let world_from_scanner = pose(cloud)?;
+    let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
+    let mut cells = Vec::new();
+    let layout = Layout::of(cloud);
+    // The crate's reader of points, other than that of values, stops at packets in which no point is whole.
+    let points = reader
+        .pointcloud_raw(cloud)
+        .map_err(|e| damaged(e, "its points cannot be found"))?;
+    for (number, values) in points.enumerate() {
+        let cannot = |e| damaged(e, &format!("point {number} cannot be read"));
+        let values = values.map_err(cannot)?;
+        let position = layout.position(cloud, &values).map_err(cannot)?;
+        let before = collector.len();
+        collector.push(&position.unwrap_or([f64::NAN; 3]), format_args!("point {number}"))?;
+        if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {
+            let index = |k: usize| values[k].to_i64(&cloud.prototype[k].data_type).map_err(cannot);
+            cells.push([index(column)?, index(row)?]);
+        }
+    }
+    let (mut scan, _) = collector.finish(name);
+    scan.grid = grid(&cells);
+    if scan.grid.is_some() || !cartesian || world_from_scanner != Pose::identity() {
+        scan.viewing = Viewing::Origin([0.0; 3]);
+    }
+    scan.world_from_scanner = world_from_scanner;
+    Ok(scan)
+}
+
+/// Where in a record each quantity stands.
+struct Layout {
+    cartesian: Option<[usize; 3]>,
+    cartesian_state: Option<usize>,
+    spherical: Option<[usize; 3]>,
+    spherical_state: Option<usize>,
+    cell: Option<[usize; 2]>,
+}
+
+impl Layout {
+    fn of(cloud: &PointCloud) -> Self {
+        let find = |name: RecordName| cloud.prototype.iter().position(|record| record.name == name);
+        let three = |[a, b, c]: [RecordName; 3]| Some([find(a)?, find(b)?, find(c)?]);
+        Self {
+            cartesian: three([RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ]),
+            cartesian_state: find(RecordName::CartesianInvalidState),
+            spherical: three([
+                RecordName::SphericalRange,
+                RecordName::SphericalAzimuth,
+                RecordName::SphericalElevation,
+            ]),
+            spherical_state: find(RecordName::SphericalInvalidState),
+            cell: find(RecordName::ColumnIndex)
+                .zip(find(RecordName::RowIndex))
+                .map(|(c, r)| [c, r]),
+        }
+    }
+
+    /// The Cartesian coordinates; `None` where the point is marked as a direction only, or as nothing.
+    fn position(&self, cloud: &PointCloud, values: &[RecordValue]) -> e57::Result<Option<[f64; 3]>> {
+        let number = |k: usize| values[k].to_f64(&cloud.prototype[k].data_type);
+        let stated = |family: Option<[usize; 3]>, state: Option<usize>| {
+            let Some([a, b, c]) = family else { return Ok(None) };
+            let valid = state.map(number).transpose()?.is_none_or(|state| state == 0.0);
+            e57::Result::Ok(match valid {
+                true => Some([number(a)?, number(b)?, number(c)?]),
+                false => None,
+            })
+        };
+        if let Some(point) = stated(self.cartesian, self.cartesian_state)? {
+            return Ok(Some(point));
+        }
+        let spherical = stated(self.spherical, self.spherical_state)?;
+        Ok(spherical.map(|[range, azimuth, elevation]| {
+            let level = range * elevation.cos();
+            [level * azimuth.cos(), level * azimuth.sin(), range * elevation.sin()]
+        }))
+    }
+}
+
+fn pose(cloud: &PointCloud) -> Result<Pose> {
+    let Some(stated) = &cloud.transform else {
+        return Ok(Pose::identity());
+    };
+    let (q, t) = (&stated.rotation, &stated.translation);
+    let translation = [t.x, t.y, t.z];
+    Pose::from_quaternion_xyzw([q.x, q.y, q.z, q.w], translation)
+        .filter(|_| translation.iter().all(|c| c.is_finite()))
+        .ok_or_else(|| {
+            Error::input("needed a finite pose, found a quaternion of length 0 or numbers that are not finite")
+        })
+}
+
+/// The grid of the points' columns and rows; none where two share a cell, where there is one row or column only, or too many are empty.
+fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
+    let mut low = *cells.first()?;
+    let mut high = low;
+    for cell in cells {
+        for k in 0..2 {
+            low[k] = low[k].min(cell[k]);
+            high[k] = high[k].max(cell[k]);
+        }
+    }
+    let side = |k: usize| u64::try_from(i128::from(high[k]) - i128::from(low[k]) + 1).ok();
+    let (columns, rows) = (side(0)?, side(1)?);
+    let count = columns.checked_mul(rows)?;
+    if columns < 2 || rows < 2 || count > MOST_CELLS_A_POINT * cells.len() as u64 {
+        return None;
+    }
+    let mut made = RangeGrid {
+        columns: usize::try_from(columns).ok()?,
+        rows: usize::try_from(rows).ok()?,
+        cells: vec![RangeGrid::EMPTY; usize::try_from(count).ok()?],
+    };
+    for (point, cell) in cells.iter().enumerate() {
+        let at = (cell[1] - low[1]) as usize * made.columns + (cell[0] - low[0]) as usize;
+        if made.cells[at] != RangeGrid::EMPTY {
+            return None;
+        }
+        made.cells[at] = point as u32;
+    }
+    Some(made)
+}
+
+#[cfg(test)]
+mod tests;

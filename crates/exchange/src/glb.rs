@@ -1,0 +1,37 @@
+//! GLB, binary glTF 2.0: what browsers and viewers show; meshes in and out.
+//!
+//! Comes in: a file whose geometry stands in its own binary chunk. Goes out: a [`PolygonMesh`](crate::mesh::PolygonMesh) of all meshes of the scene, in
+//! metres, the unit of glTF; normals are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and `observed`.
+//!
+//! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the translation of its node, so that far
+//! coordinates lose no digits; the node's scale turns the model's unit into metres. `_SIGMA` is a length in the frame of the positions, as
+//! they are before the node's scale. `COLOR_0` shows σ from dark violet (small) to yellow (large, on a logarithmic scale), and grey where nothing was
+//! measured. The same input gives the same bytes.
+//!
+//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Textures, skins, morph targets, animations, points
+//! and lines are passed over.
+//!
+//! # References
+//! The Khronos Group, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022).
+
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use read::read_mesh;
+pub(crate) use read::read_scan;
+pub use write::write_mesh;
+
+/// What files begin with.
+const MAGIC: [u8; 4] = *b"glTF";
+/// Types of chunks.
+const JSON_CHUNK: [u8; 4] = *b"JSON";
+const BINARY_CHUNK: [u8; 4] = *b"BIN\0";
+/// Types of numbers.
+const BYTE: u64 = 5121;
+const SHORT: u64 = 5123;
+const INTEGER: u64 = 5125;
+const FLOAT: u64 = 5126;
+/// The primitive mode of separate triangles.
+const TRIANGLES: u64 = 4;

@@ -1,0 +1,439 @@
+//! Meshes from GLB files.
+
+use std::io::Read;
+use std::path::Path;
+
+use planish_estimate::vector3::{cross, dot, unit};
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+use serde_json::Value;
+
+use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, SHORT, TRIANGLES};
+use crate::Unit;
+use crate::mesh::{PolygonMesh, scan_of_vertices};
+use crate::numbers::NumberType;
+use crate::source::{Source, open};
+
+/// A scene's tree of nodes is not deeper than this.
+const DEEPEST: usize = 64;
+/// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so often.
+const MOST_NODES: usize = 100_000;
+
+/// Nodes may show one mesh in many places; more copies than so many times what the file holds are a trap.
+const MOST_COPIES: usize = 256;
+/// So many vertices are never too many.
+const FEW_VERTICES: usize = 1 << 20;
+
+/// Reads all triangles of the file's scene, in metres.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input)
+/// when it is malformed, cut off, or names what is not there: with the file and the accessor or node;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for geometry in other files, compressed, sparse or quantised.
+pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
+    open(path)
+        .and_then(|mut source| mesh_from(&mut source))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Reads the vertices as points.
+pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let mesh = read_mesh(path)?;
+    let normals: Vec<(String, Vec<f64>)> = mesh
+        .columns
+        .into_iter()
+        .filter(|(name, _)| name.starts_with('n'))
+        .collect();
+    let scan = scan_of_vertices(mesh.points.into_iter(), &normals, &name).map_err(|e| e.in_context(path.display()))?;
+    Ok((scan, mesh.unit))
+}
+
+pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+    let header = source.bytes(12)?.map(<[u8]>::to_vec).unwrap_or_default();
+    if !header.starts_with(&MAGIC) {
+        return Err(Error::input(
+            "byte 0: needed `glTF`: this is no GLB file, or it is cut off",
+        ));
+    }
+    let version = NumberType::U32.decode::<false>(&header[4..8]);
+    if version != 2.0 {
+        return Err(Error::unsupported(format!(
+            "byte 4: needed version 2 of glTF, found {version}"
+        )));
+    }
+    let json = chunk(source, JSON_CHUNK)?;
+    let document: Value = serde_json::from_slice(&json)
+        .map_err(|e| Error::input(format!("the JSON chunk is malformed (its line {}): {e}", e.line())))?;
+    drop(json);
+    if let Some(needed) = document["extensionsRequired"]
+        .as_array()
+        .and_then(|names| names.first())
+    {
+        return Err(Error::unsupported(format!(
+            "the file needs the extension {needed}: write it again without compression or quantisation"
+        )));
+    }
+    let binary = match source.peek(1)?.is_empty() {
+        true => Vec::new(),
+        false => chunk(source, BINARY_CHUNK)?,
+    };
+    let file = File {
+        document: &document,
+        binary: &binary,
+    };
+    file.mesh()
+}
+
+/// The next chunk, which must be of a type.
+fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
+    let byte = source.offset();
+    let name = String::from_utf8_lossy(&wanted[..3]).into_owned();
+    let cut_off = |n: u64| {
+        Error::input(format!(
+            "byte {byte}: the file ends within {n} bytes of its {name} chunk"
+        ))
+    };
+    let head = source.bytes(8)?.ok_or_else(|| cut_off(8))?;
+    if head[4..8] != wanted {
+        return Err(Error::input(format!(
+            "byte {byte}: needed a {name} chunk, found another"
+        )));
+    }
+    let length = NumberType::U32.decode::<false>(&head[..4]) as u64;
+    source.check_promise(length, format_args!("bytes in its {name} chunk"), length)?;
+    Ok(source.bytes(length as usize)?.ok_or_else(|| cut_off(length))?.to_vec())
+}
+
+/// A linear map by its columns, and a translation.
+#[derive(Clone, Copy)]
+struct Transform {
+    columns: [[f64; 3]; 3],
+    translation: [f64; 3],
+}
+
+impl Transform {
+    const IDENTITY: Self = Self {
+        columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        translation: [0.0; 3],
+    };
+
+    fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
+        let [a, b, c] = self.columns;
+        [0, 1, 2].map(|k| a[k] * v[0] + b[k] * v[1] + c[k] * v[2])
+    }
+
+    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        let q = self.rotate(p);
+        [0, 1, 2].map(|k| q[k] + self.translation[k])
+    }
+
+    /// First `inner`, then this one.
+    fn after(&self, inner: &Self) -> Self {
+        Self {
+            columns: inner.columns.map(|c| self.rotate(c)),
+            translation: self.apply(inner.translation),
+        }
+    }
+
+    fn determinant(&self) -> f64 {
+        let [a, b, c] = self.columns;
+        dot(a, cross(b, c))
+    }
+
+    /// A normal carried along: by the cofactors, which keep it upright on what is stretched.
+    fn normal(&self, n: [f64; 3]) -> [f64; 3] {
+        let [a, b, c] = self.columns;
+        let sign = self.determinant().signum();
+        let (x, y, z) = (cross(b, c), cross(c, a), cross(a, b));
+        let carried = [0, 1, 2].map(|k| sign * (x[k] * n[0] + y[k] * n[1] + z[k] * n[2]));
+        unit(carried).unwrap_or([0.0; 3])
+    }
+}
+
+struct File<'a> {
+    document: &'a Value,
+    binary: &'a [u8],
+}
+
+/// The columns that a file may give, and their attributes.
+const COLUMNS: [(&str, &str); 2] = [("sigma", "_SIGMA"), ("observed", "_OBSERVED")];
+
+fn index(value: &Value) -> Option<usize> {
+    value.as_u64().and_then(|v| usize::try_from(v).ok())
+}
+
+fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
+    let array = value.as_array().filter(|a| a.len() == N)?;
+    let mut found = [0.0; N];
+    for (to, from) in found.iter_mut().zip(array) {
+        *to = from.as_f64().filter(|v| v.is_finite())?;
+    }
+    Some(found)
+}
+
+impl File<'_> {
+    fn mesh(&self) -> Result<PolygonMesh> {
+        let mut mesh = PolygonMesh {
+            unit: Some(Unit::Metre),
+            ..PolygonMesh::default()
+        };
+        let scene = index(&self.document["scene"]).unwrap_or(0);
+        let mut stack: Vec<(usize, Transform, usize)> = match self.document["scenes"][scene]["nodes"].as_array() {
+            Some(nodes) => nodes
+                .iter()
+                .filter_map(index)
+                .map(|n| (n, Transform::IDENTITY, 0))
+                .collect(),
+            None => return Err(Error::input(format!("scene {scene}: needed nodes, found none"))),
+        };
+        stack.reverse();
+        let mut visited = 0;
+        while let Some((node, parent, depth)) = stack.pop() {
+            visited += 1;
+            if depth > DEEPEST || visited > MOST_NODES {
+                return Err(Error::input(format!("node {node}: the tree of nodes does not end")));
+            }
+            let value = &self.document["nodes"][node];
+            if !value.is_object() {
+                return Err(Error::input(format!("needed the node {node}, found none")));
+            }
+            let transform =
+                parent.after(&node_transform(value).map_err(|e| e.in_context(format_args!("node {node}")))?);
+            if let Some(number) = index(&value["mesh"]) {
+                self.add_mesh(&mut mesh, number, &transform)
+                    .map_err(|e| e.in_context(format_args!("mesh {number}")))?;
+            }
+            let children = value["children"].as_array().into_iter().flatten().filter_map(index);
+            stack.extend(children.rev().map(|child| (child, transform, depth + 1)));
+        }
+        if mesh.points.is_empty() {
+            return Err(Error::input("needed triangles in the scene, found none"));
+        }
+        // A column counts where every primitive has it.
+        let points = mesh.points.len();
+        mesh.columns.retain(|(_, column)| column.len() == points);
+        Ok(mesh)
+    }
+
+    fn add_mesh(&self, mesh: &mut PolygonMesh, number: usize, transform: &Transform) -> Result<()> {
+        let Some(primitives) = self.document["meshes"][number]["primitives"].as_array() else {
+            return Err(Error::input("needed a list of primitives, found none"));
+        };
+        let length = transform.determinant().abs().cbrt();
+        for primitive in primitives {
+            let mode = primitive["mode"].as_u64().unwrap_or(TRIANGLES);
+            match mode {
+                TRIANGLES => {}
+                0..TRIANGLES => continue,
+                _ => {
+                    return Err(Error::unsupported(
+                        "strips and fans of triangles: write separate triangles",
+                    ));
+                }
+            }
+            let attributes = &primitive["attributes"];
+            let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
+            let first = mesh.points.len();
+            // A vertex takes twelve bytes.
+            let most = (self.binary.len() / 12).saturating_mul(MOST_COPIES).max(FEW_VERTICES);
+            if first.saturating_add(positions.count) > most {
+                return Err(Error::input(format!(
+                    "the nodes repeat their meshes to more than {most} vertices, which the file does not hold: write one copy"
+                )));
+            }
+            for vertex in 0..positions.count {
+                let point = transform.apply(positions.vector(vertex));
+                if !point.iter().all(|c| c.is_finite()) {
+                    return Err(Error::input(format!(
+                        "vertex {vertex}: needed finite coordinates, found {} {} {}",
+                        point[0], point[1], point[2]
+                    )));
+                }
+                mesh.points.push(point);
+            }
+            let mut column = |name: &str, value: &dyn Fn(usize) -> f64| {
+                let at = mesh.columns.iter().position(|(n, _)| n == name).unwrap_or_else(|| {
+                    mesh.columns.push((name.to_owned(), Vec::new()));
+                    mesh.columns.len() - 1
+                });
+                mesh.columns[at].1.extend((0..positions.count).map(value));
+            };
+            let same = |accessor: &Accessor, name: &str| match accessor.count == positions.count {
+                true => Ok(()),
+                false => Err(Error::input(format!(
+                    "{name}: needed {} entries, as many as positions, found {}",
+                    positions.count, accessor.count
+                ))),
+            };
+            if !attributes["NORMAL"].is_null() {
+                let normals = self.accessor(&attributes["NORMAL"], FLOAT, "VEC3")?;
+                same(&normals, "NORMAL")?;
+                for (k, name) in ["nx", "ny", "nz"].iter().enumerate() {
+                    column(name, &|vertex| transform.normal(normals.vector(vertex))[k]);
+                }
+            }
+            for (name, attribute) in COLUMNS {
+                if !attributes[attribute].is_null() {
+                    let found = self.accessor(&attributes[attribute], FLOAT, "SCALAR")?;
+                    same(&found, attribute)?;
+                    let factor = if name == "sigma" { length } else { 1.0 };
+                    column(name, &|vertex| factor * found.number(vertex, 0));
+                }
+            }
+            self.add_triangles(mesh, &primitive["indices"], first, transform.determinant() < 0.0)?;
+        }
+        Ok(())
+    }
+
+    fn add_triangles(&self, mesh: &mut PolygonMesh, indices: &Value, first: usize, mirrored: bool) -> Result<()> {
+        let vertices = mesh.points.len() - first;
+        u32::try_from(mesh.points.len()).map_err(|_| Error::unsupported("more than 2³² vertices"))?;
+        let indices = match indices.is_null() {
+            true => None,
+            false => Some(self.accessor_of(indices, &[BYTE, SHORT, INTEGER], "SCALAR")?),
+        };
+        let corners = indices.as_ref().map_or(vertices, |i| i.count);
+        if corners % 3 != 0 {
+            return Err(Error::input(format!(
+                "needed three corners a triangle, found {corners} in all"
+            )));
+        }
+        for triangle in 0..corners / 3 {
+            let mut made = [0; 3];
+            for (k, to) in made.iter_mut().enumerate() {
+                let corner = 3 * triangle + k;
+                let vertex = indices.as_ref().map_or(corner, |i| i.number(corner, 0) as usize);
+                if vertex >= vertices {
+                    return Err(Error::input(format!(
+                        "triangle {triangle}: needed a vertex index below {vertices}, found {vertex}"
+                    )));
+                }
+                *to = (first + vertex) as u32;
+            }
+            if mirrored {
+                made.swap(1, 2);
+            }
+            mesh.triangles.push(made);
+        }
+        Ok(())
+    }
+
+    fn accessor(&self, number: &Value, component: u64, kind: &str) -> Result<Accessor<'_>> {
+        self.accessor_of(number, &[component], kind)
+    }
+
+    /// Numbers in the binary chunk: all of them are there.
+    fn accessor_of(&self, number: &Value, components: &[u64], kind: &str) -> Result<Accessor<'_>> {
+        let Some(number) = index(number) else {
+            return Err(Error::input(
+                "a primitive names no accessor for its positions, attributes or indices",
+            ));
+        };
+        let accessor = &self.document["accessors"][number];
+        let wrong = |what: String| Error::input(format!("accessor {number}: {what}"));
+        let component = accessor["componentType"].as_u64().unwrap_or(0);
+        let found = accessor["type"].as_str().unwrap_or("nothing");
+        if !components.contains(&component) || found != kind {
+            return Err(Error::unsupported(format!(
+                "accessor {number}: needed {kind} of component type {components:?}, found {found} of {component}"
+            )));
+        }
+        if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {
+            return Err(Error::unsupported(format!(
+                "accessor {number}: is sparse or has no bufferView"
+            )));
+        }
+        let type_ = match component {
+            BYTE => NumberType::U8,
+            SHORT => NumberType::U16,
+            INTEGER => NumberType::U32,
+            _ => NumberType::F32,
+        };
+        let size = type_.size() * if kind == "VEC3" { 3 } else { 1 };
+        let view = &self.document["bufferViews"][index(&accessor["bufferView"]).unwrap_or(usize::MAX)];
+        if !view.is_object() {
+            return Err(wrong("names a bufferView that is not there".to_owned()));
+        }
+        if index(&view["buffer"]) != Some(0) || !self.document["buffers"][0]["uri"].is_null() {
+            return Err(Error::unsupported(format!(
+                "accessor {number}: its numbers stand in another file: needed one file that holds all"
+            )));
+        }
+        let optional = |value: &Value, default: usize| match value.is_null() {
+            true => Some(default),
+            false => index(value),
+        };
+        let place = || {
+            let start = optional(&view["byteOffset"], 0)?;
+            let length = index(&view["byteLength"])?;
+            let within = optional(&accessor["byteOffset"], 0)?;
+            let stride = optional(&view["byteStride"], size)?;
+            let count = index(&accessor["count"])?;
+            let bytes = self.binary.get(start..start.checked_add(length)?)?.get(within..)?;
+            let needed = match count {
+                0 => 0,
+                n => (n - 1).checked_mul(stride)?.checked_add(size)?,
+            };
+            (stride >= size && needed <= bytes.len()).then_some(Accessor {
+                bytes,
+                type_,
+                stride,
+                count,
+            })
+        };
+        place().ok_or_else(|| {
+            wrong(format!(
+                "its count, offset or stride leads beyond its bufferView or the {} bytes of the binary chunk",
+                self.binary.len()
+            ))
+        })
+    }
+}
+
+/// Numbers of one type in the binary chunk.
+struct Accessor<'a> {
+    bytes: &'a [u8],
+    type_: NumberType,
+    stride: usize,
+    count: usize,
+}
+
+impl Accessor<'_> {
+    fn number(&self, element: usize, component: usize) -> f64 {
+        let at = element * self.stride + component * self.type_.size();
+        self.type_.decode::<false>(&self.bytes[at..at + self.type_.size()])
+    }
+
+    fn vector(&self, element: usize) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.number(element, k))
+    }
+}
+
+fn node_transform(node: &Value) -> Result<Transform> {
+    let stated = |key: &str| !node[key].is_null();
+    let wrong = |key: &str, n: usize| Error::input(format!("needed {n} finite numbers for its {key}"));
+    if stated("matrix") {
+        let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
+        return Ok(Transform {
+            columns: [0, 1, 2].map(|c| [0, 1, 2].map(|r| m[4 * c + r])),
+            translation: [m[12], m[13], m[14]],
+        });
+    }
+    let mut made = Transform::IDENTITY;
+    if stated("rotation") {
+        let q: [f64; 4] = numbers(&node["rotation"]).ok_or_else(|| wrong("rotation", 4))?;
+        let pose = planish_sense::Pose::from_quaternion_xyzw(q, [0.0; 3]).ok_or_else(|| wrong("rotation", 4))?;
+        made.columns = made.columns.map(|axis| pose.rotate(axis));
+    }
+    if stated("scale") {
+        let s: [f64; 3] = numbers(&node["scale"]).ok_or_else(|| wrong("scale", 3))?;
+        for (column, factor) in made.columns.iter_mut().zip(s) {
+            *column = column.map(|c| c * factor);
+        }
+    }
+    if stated("translation") {
+        made.translation = numbers(&node["translation"]).ok_or_else(|| wrong("translation", 3))?;
+    }
+    Ok(made)
+}

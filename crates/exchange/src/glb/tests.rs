@@ -1,0 +1,212 @@
+use planish_estimate::{ErrorKind, Result};
+use proptest::prelude::*;
+
+use super::read::mesh_from;
+use super::write::{Layout, write_to};
+use crate::Unit;
+use crate::mesh::{Column, MeshColumns, PolygonMesh};
+use crate::source::Source;
+
+fn read(bytes: &[u8]) -> Result<PolygonMesh> {
+    mesh_from(&mut Source::new(bytes, Some(bytes.len() as u64)))
+}
+
+fn written(mesh: &MeshColumns) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write_to(&mut bytes, mesh, &Layout::of(mesh).unwrap()).unwrap();
+    bytes
+}
+
+const FAR: [f64; 3] = [4_000_000.0, -1_000_000.0, 250.0];
+const CORNERS: [[f64; 3]; 4] = [[0.0; 3], [1.5, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 3.25]];
+const NORMALS: [[f64; 3]; 4] = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]];
+
+fn tetrahedron(points: &[[f64; 3]], unit: Unit) -> MeshColumns<'_> {
+    MeshColumns {
+        points,
+        normals: Some(&NORMALS),
+        columns: vec![
+            ("sigma", Column::F64(&[0.5, 0.25, 0.125, 1.0])),
+            ("observed", Column::U8(&[1, 1, 0, 2])),
+        ],
+        triangles: &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+        unit: Some(unit),
+    }
+}
+
+#[test]
+fn far_coordinates_and_sigmas_come_back_in_metres() {
+    let points = CORNERS.map(|p| [0, 1, 2].map(|k| p[k] + FAR[k]));
+    for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
+        let mesh = tetrahedron(&points, unit);
+        let read = read(&written(&mesh)).unwrap();
+        let metres = unit.millimetres() / 1000.0;
+        assert_eq!((read.unit, &read.triangles[..]), (Some(Unit::Metre), mesh.triangles));
+        for (found, expected) in read.points.iter().zip(&points) {
+            for k in 0..3 {
+                // A millionth of the mesh's size, not of its distance.
+                assert!((found[k] / metres - expected[k]).abs() < 3e-6, "{found:?} {expected:?}");
+            }
+        }
+        for (found, expected) in read.column("sigma").unwrap().iter().zip([0.5, 0.25, 0.125, 1.0]) {
+            assert!((found / metres - expected).abs() < 1e-12);
+        }
+        assert_eq!(read.column("observed").unwrap(), [1.0, 1.0, 0.0, 2.0]);
+        assert!((read.column("nz").unwrap()[3] - 0.8).abs() < 1e-7);
+    }
+}
+
+#[test]
+fn what_was_read_is_written_to_the_same_bytes() {
+    let first = written(&tetrahedron(&CORNERS, Unit::Metre));
+    let mesh = read(&first).unwrap();
+    let normals: Vec<[f64; 3]> = (0..4).map(|v| [0, 1, 2].map(|k| mesh.columns[k].1[v])).collect();
+    let again = MeshColumns {
+        points: &mesh.points,
+        normals: Some(&normals),
+        columns: ["sigma", "observed"]
+            .map(|name| (name, Column::F64(mesh.column(name).unwrap())))
+            .to_vec(),
+        triangles: &mesh.triangles,
+        unit: mesh.unit,
+    };
+    assert_eq!(written(&again), first);
+}
+
+/// A file of a scene's JSON and numbers.
+fn glb(json: &str, numbers: &[f32]) -> Vec<u8> {
+    let mut json = json.as_bytes().to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let binary: Vec<u8> = numbers.iter().flat_map(|n| n.to_le_bytes()).collect();
+    let mut bytes = b"glTF\x02\0\0\0".to_vec();
+    bytes.extend_from_slice(&((28 + json.len() + binary.len()) as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &binary)] {
+        bytes.extend_from_slice(&(chunk.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(kind);
+        bytes.extend_from_slice(chunk);
+    }
+    bytes
+}
+
+const SCENE: &str = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],
+    "nodes":[{"children":[1,2],"translation":[10,0,0],"rotation":[0,0,0.70710678118654752,0.70710678118654752]},
+             {"mesh":0},{"mesh":0,"scale":[-2,2,2]}],
+    "meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}},{"mode":1,"attributes":{"POSITION":0}}]}],
+    "accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":3},
+                 {"bufferView":0,"byteOffset":12,"componentType":5126,"type":"VEC3","count":3}],
+    "bufferViews":[{"buffer":0,"byteLength":72,"byteStride":24}],"buffers":[{"byteLength":72}]}"#;
+const NUMBERS: [f32; 18] = [0., 0., 0., 0., 0., 1., 1., 0., 0., 0., 0., 1., 0., 1., 0., 0., 0., 1.];
+
+#[test]
+fn nodes_turn_stretch_and_mirror_what_they_hold() {
+    let mesh = read(&glb(SCENE, &NUMBERS)).unwrap();
+    let near = |v: usize, expected: [f64; 3]| (0..3).all(|k| (mesh.points[v][k] - expected[k]).abs() < 1e-9);
+    assert!(
+        near(1, [10.0, 1.0, 0.0]) && near(2, [9.0, 0.0, 0.0]),
+        "{:?}",
+        mesh.points
+    );
+    assert!(
+        near(4, [10.0, -2.0, 0.0]) && near(5, [8.0, 0.0, 0.0]),
+        "{:?}",
+        mesh.points
+    );
+    // The mirrored triangle is turned over, so that its normal stays what it states.
+    assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
+    assert!(mesh.column("nz").unwrap().iter().all(|&z| (z - 1.0).abs() < 1e-12));
+}
+
+#[test]
+fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
+    let failed = |json: &str| read(&glb(json, &NUMBERS)).unwrap_err();
+    let with = |from: &str, to: &str| failed(&SCENE.replacen(from, to, 1));
+    for (from, to, kind, words) in [
+        ("\"count\":3", "\"count\":1000000000", ErrorKind::Input, "accessor 0"),
+        ("\"count\":3", "\"count\":-3", ErrorKind::Input, "accessor 0"),
+        ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: needed 2"),
+        (
+            "\"byteLength\":72",
+            "\"byteLength\":9e9",
+            ErrorKind::Input,
+            "accessor 0",
+        ),
+        (
+            "\"byteLength\":72",
+            "\"byteOffset\":18446744073709551615,\"byteLength\":72",
+            ErrorKind::Input,
+            "accessor 0",
+        ),
+        (
+            "\"byteStride\":24",
+            "\"byteStride\":18446744073709551615",
+            ErrorKind::Input,
+            "accessor 0",
+        ),
+        ("\"byteStride\":24", "\"byteStride\":0", ErrorKind::Input, "accessor 0"),
+        ("5126", "5121", ErrorKind::Unsupported, "accessor 0: needed VEC3"),
+        ("\"mesh\":0", "\"mesh\":7", ErrorKind::Input, "mesh 7"),
+        ("[1,2]", "[1,0]", ErrorKind::Input, "does not end"),
+        ("[1,2]", "[1,9]", ErrorKind::Input, "needed the node 9"),
+        (
+            "[10,0,0]",
+            "[10,0]",
+            ErrorKind::Input,
+            "node 0: needed 3 finite numbers for its translation",
+        ),
+        (
+            "{\"asset\"",
+            "{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"",
+            ErrorKind::Unsupported,
+            "draco",
+        ),
+        (
+            "{\"byteLength\":72}]}",
+            "{\"uri\":\"a.bin\",\"byteLength\":72}]}",
+            ErrorKind::Unsupported,
+            "one file",
+        ),
+        ("{\"asset\"", "{asset", ErrorKind::Input, "JSON chunk is malformed"),
+        ("\"scenes\"", "\"scene\":3,\"scenes\"", ErrorKind::Input, "scene 3"),
+    ] {
+        let e = with(from, to);
+        assert_eq!(e.kind(), kind, "{to}: {e}");
+        assert!(e.to_string().contains(words), "{to}: {e}");
+    }
+    assert!(read(b"glTF").is_err() && read(b"ply\n").unwrap_err().to_string().contains("no GLB file"));
+    let points = [[f64::NAN, 0.0, 0.0]; 3];
+    assert!(Layout::of(&tetrahedron(&points, Unit::Metre)).is_err());
+}
+
+#[test]
+fn copies_without_end_are_refused() {
+    // Forty nodes, each of which holds the next twice.
+    let nodes: String = (0..40).map(|k| format!("{{\"children\":[{0},{0}]}},", k + 1)).collect();
+    let start = SCENE.find("\"nodes\":[{\"children").unwrap();
+    let end = SCENE.find("\"meshes\"").unwrap();
+    let json = format!("{}\"nodes\":[{nodes}{{\"mesh\":0}}],{}", &SCENE[..start], &SCENE[end..]);
+    let e = read(&glb(&json, &NUMBERS)).unwrap_err().to_string();
+    assert!(e.contains("does not end"), "{e}");
+    let file = super::read::mesh_from(&mut Source::new(
+        &glb(&SCENE.replace("[1,2]", "[1,1,2]"), &NUMBERS)[..],
+        None,
+    ));
+    assert_eq!(file.unwrap().triangles.len(), 3);
+}
+
+#[test]
+fn files_cut_off_anywhere_are_errors() {
+    let bytes = written(&tetrahedron(&CORNERS, Unit::Metre));
+    for end in 0..bytes.len() {
+        assert!(read(&bytes[..end]).is_err(), "{end}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn no_change_of_a_byte_makes_it_panic(at in 0_usize..2000, value in any::<u8>()) {
+        let mut bytes = glb(SCENE, &NUMBERS);
+        let at = at % bytes.len();
+        bytes[at] = value;
+        let _ = read(&bytes);
+    }
+}

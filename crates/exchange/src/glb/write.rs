@@ -1,0 +1,215 @@
+//! Meshes as GLB files.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use planish_estimate::vector3::sub;
+use planish_estimate::{Error, Result};
+use serde_json::{Value, json};
+
+use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, TRIANGLES};
+use crate::Unit;
+use crate::atomic::write_packed;
+use crate::mesh::MeshColumns;
+
+/// Viridis at five places from end to end, linear as glTF wants it.
+const RAMP: [[f64; 3]; 5] = [
+    [0.058, 0.000, 0.089],
+    [0.044, 0.084, 0.258],
+    [0.015, 0.282, 0.262],
+    [0.110, 0.584, 0.122],
+    [0.984, 0.799, 0.018],
+];
+/// Where nothing was measured.
+const GREY: [f64; 3] = [0.3, 0.3, 0.3];
+
+/// Writes a mesh with its normals, the columns `sigma` and `observed` and colours made of them; other columns have no place.
+/// Lengths without a unit are taken for metres.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or no points;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when
+/// the file cannot be written; nothing is left half-written.
+pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
+    let layout = mesh
+        .check(true)
+        .and_then(|()| Layout::of(mesh))
+        .map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| write_to(&mut writer, mesh, &layout))
+}
+
+/// What comes before the binary chunk, and what the positions are about.
+pub(super) struct Layout {
+    center: [f64; 3],
+    json: Vec<u8>,
+    binary: u32,
+    total: u32,
+}
+
+/// Sections of the binary chunk, one behind the other, and their accessors.
+#[derive(Default)]
+struct Sections {
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    length: u64,
+}
+
+impl Sections {
+    /// Adds a section of `count` elements; gives the number of its accessor.
+    fn add(&mut self, count: usize, bytes: u64, target: u64, number: u64, kind: &str, more: Value) -> usize {
+        let length = count as u64 * bytes;
+        self.views
+            .push(json!({"buffer": 0, "byteOffset": self.length, "byteLength": length, "target": target}));
+        let mut accessor =
+            json!({"bufferView": self.views.len() - 1, "componentType": number, "count": count, "type": kind});
+        if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
+            accessor.extend(more);
+        }
+        self.accessors.push(accessor);
+        self.length += length;
+        self.accessors.len() - 1
+    }
+}
+
+/// Targets of views: vertex attributes and indices.
+const ATTRIBUTES: u64 = 34962;
+const INDICES: u64 = 34963;
+
+/// A position about the centre, as it is written.
+fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
+    sub(point, center).map(|c| c as f32)
+}
+
+impl Layout {
+    pub(super) fn of(mesh: &MeshColumns) -> Result<Self> {
+        if mesh.points.is_empty() || mesh.triangles.is_empty() {
+            return Err(Error::input("needed points and triangles, found none"));
+        }
+        let extreme = |pick: fn(f64, f64) -> f64| {
+            let first = mesh.points[0];
+            mesh.points
+                .iter()
+                .fold(first, |m, p| [0, 1, 2].map(|k| pick(m[k], p[k])))
+        };
+        let (low, high) = (extreme(f64::min), extreme(f64::max));
+        let center = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
+        // Rounding keeps order: the bounds of what is written.
+        let bounds = json!({"min": local(low, center), "max": local(high, center)});
+        if local(low, center)
+            .iter()
+            .chain(&local(high, center))
+            .any(|c| !c.is_finite())
+        {
+            return Err(Error::input("needed finite coordinates that float32 can hold"));
+        }
+        let n = mesh.points.len();
+        let mut sections = Sections::default();
+        let mut attributes = serde_json::Map::new();
+        let position = sections.add(n, 12, ATTRIBUTES, FLOAT, "VEC3", bounds);
+        attributes.insert("POSITION".to_owned(), json!(position));
+        if mesh.normals.is_some() {
+            let normal = sections.add(n, 12, ATTRIBUTES, FLOAT, "VEC3", json!({}));
+            attributes.insert("NORMAL".to_owned(), json!(normal));
+        }
+        if mesh.column("sigma").is_some() {
+            let colour = sections.add(n, 4, ATTRIBUTES, BYTE, "VEC4", json!({"normalized": true}));
+            attributes.insert("COLOR_0".to_owned(), json!(colour));
+        }
+        for (column, name) in [("sigma", "_SIGMA"), ("observed", "_OBSERVED")] {
+            if mesh.column(column).is_some() {
+                let accessor = sections.add(n, 4, ATTRIBUTES, FLOAT, "SCALAR", json!({}));
+                attributes.insert(name.to_owned(), json!(accessor));
+            }
+        }
+        let indices = sections.add(3 * mesh.triangles.len(), 4, INDICES, INTEGER, "SCALAR", json!({}));
+        let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
+        let unit = mesh.unit.unwrap_or(Unit::Metre).name();
+        let document = json!({
+            "asset": {"version": "2.0", "generator": "Planish"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "translation": center.map(|c| c * scale), "scale": [scale, scale, scale]}],
+            "meshes": [{
+                "primitives": [{"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0}],
+                "extras": {"unit": unit},
+            }],
+            "materials": [{
+                "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7},
+                "doubleSided": true,
+            }],
+            "accessors": sections.accessors,
+            "bufferViews": sections.views,
+            "buffers": [{"byteLength": sections.length}],
+        });
+        let mut json = document.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 12 + 8 + json.len() as u64 + 8 + sections.length;
+        let total = u32::try_from(total).map_err(|_| {
+            Error::unsupported(format!(
+                "GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"
+            ))
+        })?;
+        Ok(Self {
+            center,
+            json,
+            binary: sections.length as u32,
+            total,
+        })
+    }
+}
+
+pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Layout) -> io::Result<()> {
+    writer.write_all(&MAGIC)?;
+    writer.write_all(&2_u32.to_le_bytes())?;
+    writer.write_all(&layout.total.to_le_bytes())?;
+    writer.write_all(&(layout.json.len() as u32).to_le_bytes())?;
+    writer.write_all(&JSON_CHUNK)?;
+    writer.write_all(&layout.json)?;
+    writer.write_all(&layout.binary.to_le_bytes())?;
+    writer.write_all(&BINARY_CHUNK)?;
+    for point in mesh.points {
+        for c in local(*point, layout.center) {
+            writer.write_all(&c.to_le_bytes())?;
+        }
+    }
+    for c in mesh.normals.iter().copied().flatten().flatten() {
+        writer.write_all(&(*c as f32).to_le_bytes())?;
+    }
+    for colour in colours(mesh) {
+        let [r, g, b] = colour.map(|c| (255.0 * c).round() as u8);
+        writer.write_all(&[r, g, b, 255])?;
+    }
+    for column in ["sigma", "observed"].iter().filter_map(|name| mesh.column(name)) {
+        for vertex in 0..mesh.points.len() {
+            writer.write_all(&(column.at(vertex) as f32).to_le_bytes())?;
+        }
+    }
+    for corner in mesh.triangles.iter().flatten() {
+        writer.write_all(&corner.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// The colour of every vertex, where σ is known.
+fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
+    let sigma = mesh.column("sigma");
+    let observed = mesh.column("observed");
+    let measured = move |vertex: usize| observed.is_none_or(|o| o.at(vertex) != 0.0);
+    let count = if sigma.is_some() { mesh.points.len() } else { 0 };
+    let log = move |vertex: usize| sigma.map_or(0.0, |s| s.at(vertex).max(f64::MIN_POSITIVE).ln());
+    let mut known: Vec<f64> = (0..count).filter(|&v| measured(v)).map(log).collect();
+    known.sort_unstable_by(f64::total_cmp);
+    // A few vertices at the ends must not take all of the colours.
+    let quantile = |share: f64| known.get((share * known.len() as f64) as usize).copied().unwrap_or(0.0);
+    let (low, high) = (quantile(0.02), quantile(0.98));
+    (0..count).map(move |vertex| {
+        if !measured(vertex) {
+            return GREY;
+        }
+        let place = ((log(vertex) - low) / (high - low).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let place = if place.is_nan() { 0.0 } else { 4.0 * place };
+        let cell = (place as usize).min(3);
+        let share = place - cell as f64;
+        [0, 1, 2].map(|k| RAMP[cell][k] + share * (RAMP[cell + 1][k] - RAMP[cell][k]))
+    })
+}

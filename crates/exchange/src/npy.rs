@@ -1,0 +1,120 @@
+//! NPY and NPZ, the arrays of NumPy: points in.
+//!
+//! Comes in: one array (`.npy`) or named ones (`.npz`), plain or compressed; integers and floating-point numbers of any size from 8 to 64 bits, in either
+//! byte order, rows or columns first. Goes out: a [`Scan`] at the identity pose.
+//!
+//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if every one of them has length 1 within 1 %; of other widths
+//! up to 16 the rest is not looked at, as in text. Fields of a structured array are columns: `x y z`, `sigma` or
+//! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three numbers may be called `xyz` or `points`, and `normal` or `normals`. An array with one
+//! axis more, `(h, w, 3)` or structured `(h, w)`, is organised: it gives the sampling grid, and what is not finite is an empty cell.
+//!
+//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers a point; an array of one number a point is the column of its
+//! name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` says from where the scanner looked. A single array may have any name.
+//!
+//! Not guaranteed: a number without a name is never taken for a σ.
+//!
+//! # References
+//! NumPy Enhancement Proposal 1, *A simple file format for NumPy arrays*.
+
+mod archive;
+mod array;
+mod header;
+#[cfg(test)]
+mod tests;
+
+use std::io::Read;
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+pub use archive::read_npz;
+use array::Array;
+
+use crate::points::{PointCollector, PointColumns, grid_without, keep_unit_normals};
+use crate::source::{Source, open};
+
+/// Wider arrays are no points: an image, or points that lie along the other axis.
+pub(crate) const MOST_COLUMNS: u64 = 16;
+
+/// Reads the points of an array. Records with a coordinate that is not finite are dropped and counted.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// when it is malformed, cut off, of a shape or with fields that are no points, or states a σ or covariance that is not positive: with the
+/// file and byte; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for numbers of other kinds.
+pub fn read_npy(path: &Path) -> Result<Scan> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|source| scan_from(source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// The shape of an array of one number an entry, if it is an image: two axes, wider than points are.
+pub(crate) fn is_image(path: &Path) -> bool {
+    let shape = open(path).and_then(|mut source| header::read_header(&mut source)).ok();
+    shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MOST_COLUMNS))
+}
+
+/// Columns, rows and the numbers, row by row, of an array of two axes.
+pub(crate) fn read_image(path: &Path) -> Result<(usize, usize, Vec<f64>)> {
+    let mut array = Array::open(open(path)?, 0)?;
+    let [Some(rows), Some(columns)] = [0, 1].map(|axis| array.shape().get(axis).copied()) else {
+        return Err(array.wrong_shape("(h, w)"));
+    };
+    if array.shape().len() != 2 || array.is_structured() {
+        return Err(array.wrong_shape("(h, w)"));
+    }
+    let mut numbers = Vec::with_capacity(array.reserve());
+    let mut record = Vec::new();
+    for _ in 0..array.records() {
+        record.clear();
+        array.next(&mut record)?;
+        numbers.extend_from_slice(&record);
+    }
+    Ok((columns as usize, rows as usize, numbers))
+}
+
+fn scan_from<R: Read>(source: Source<R>, name: &str) -> Result<Scan> {
+    let array = Array::open_points(source)?;
+    let names = array.names()?;
+    let tentative_normals = !array.is_structured() && names.len() == 6;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let columns = match tentative_normals {
+        true => PointColumns::positions_and_normals(),
+        false => PointColumns::find(&names).map_err(|e| e.in_context("the array's fields"))?,
+    };
+    collect(vec![array], columns, tentative_normals, name)
+}
+
+/// The points of arrays that each hold some of the columns, read side by side.
+fn collect<R: Read>(
+    mut arrays: Vec<Array<R>>,
+    columns: PointColumns,
+    tentative_normals: bool,
+    name: &str,
+) -> Result<Scan> {
+    let records = arrays[0].records();
+    let mut collector = PointCollector::new(columns, arrays[0].reserve());
+    let mut record = Vec::new();
+    for point in 0..records {
+        record.clear();
+        let byte = arrays[0].offset();
+        for array in &mut arrays {
+            array.next(&mut record)?;
+        }
+        collector.push(&record, format_args!("byte {byte}"))?;
+        debug_assert!(collector.len() as u64 <= point + 1);
+    }
+    let grid = arrays[0].grid();
+    let (mut scan, dropped) = collector.finish(name);
+    if tentative_normals {
+        keep_unit_normals(&mut scan);
+    }
+    if let Some([rows, columns]) = grid {
+        let side =
+            |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
+        scan.grid = Some(grid_without(side(columns)?, side(rows)?, &dropped));
+    }
+    Ok(scan)
+}

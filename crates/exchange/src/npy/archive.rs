@@ -1,0 +1,172 @@
+//! NPZ: named arrays in a ZIP archive.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::{Scan, Viewing};
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+use super::array::Array;
+use super::{collect, scan_from};
+use crate::points::PointColumns;
+use crate::source::{Source, open_file};
+
+/// A byte that DEFLATE has packed stands for so many at most.
+const MOST_EXPANSION: u64 = 1032;
+
+type Archive = ZipArchive<BufReader<File>>;
+
+/// Reads the points of an archive.
+///
+/// # Errors
+/// As [`read_npy`](super::read_npy); [`Input`](planish_estimate::ErrorKind::Input) also for an archive without points, and for arrays of different lengths.
+pub fn read_npz(path: &Path) -> Result<Scan> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    archive_scan(path, &name).map_err(|e| e.in_context(path.display()))
+}
+
+fn damaged(e: ZipError) -> Error {
+    match e {
+        ZipError::Io(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
+            Error::io("could not be read").with_source(e)
+        }
+        e => Error::input("is no NPZ archive, or is damaged or cut off").with_source(e),
+    }
+}
+
+fn open_archive(path: &Path) -> Result<Archive> {
+    let (file, _) = open_file(path)?;
+    ZipArchive::new(BufReader::new(file)).map_err(damaged)
+}
+
+/// An entry's bytes, as far as its packed size allows the promised one.
+fn entry(archive: &mut Archive, number: usize) -> Result<Source<impl Read + '_>> {
+    let entry = archive.by_index(number).map_err(damaged)?;
+    let (packed, promised) = (entry.compressed_size(), entry.size());
+    if promised > packed.saturating_mul(MOST_EXPANSION).saturating_add(MOST_EXPANSION) {
+        return Err(Error::input(format!(
+            "{packed} compressed bytes cannot hold {promised}: the archive is damaged"
+        )));
+    }
+    Ok(Source::new(entry, Some(promised)))
+}
+
+/// What the arrays of an archive are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    /// So many numbers a point, of these columns.
+    Family(&'static [&'static str]),
+    /// One number a point, the column of the array's name.
+    Column,
+    Viewpoint,
+    Nothing,
+}
+
+const POSITIONS: &[&str] = &["x", "y", "z"];
+
+fn role(name: &str) -> Role {
+    match name {
+        "points" | "xyz" => Role::Family(POSITIONS),
+        "normals" => Role::Family(&["nx", "ny", "nz"]),
+        "covariance" => Role::Family(&["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
+        "x" | "y" | "z" | "nx" | "ny" | "nz" | "sigma" | "sigma_n_deg" | "cxx" | "cxy" | "cxz" | "cyy" | "cyz"
+        | "czz" => Role::Column,
+        "viewpoint" => Role::Viewpoint,
+        _ => Role::Nothing,
+    }
+}
+
+fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
+    let mut archive = open_archive(path)?;
+    let mut entries: Vec<(usize, String)> = Vec::new();
+    for number in 0..archive.len() {
+        let name = archive
+            .by_index_raw(number)
+            .map_err(damaged)?
+            .name()
+            .map_err(damaged)?
+            .into_owned();
+        if let Some(name) = name.strip_suffix(".npy") {
+            entries.push((number, name.to_owned()));
+        }
+    }
+    if let [(number, array)] = &entries[..] {
+        let source = entry(&mut archive, *number);
+        return source
+            .and_then(|source| scan_from(source, name))
+            .map_err(|e| e.in_context(format_args!("array `{array}`")));
+    }
+    let mut wanted: Vec<(usize, &str, Role)> = entries
+        .iter()
+        .map(|(number, name)| (*number, name.as_str(), role(name)))
+        .filter(|(.., role)| matches!(role, Role::Family(_) | Role::Column))
+        .collect();
+    // Positions first: they say how many points there are.
+    wanted.sort_by_key(|(.., role)| *role != Role::Family(POSITIONS));
+    let mut columns: Vec<&str> = Vec::new();
+    for (_, array, role) in &wanted {
+        match role {
+            Role::Family(names) => columns.extend(*names),
+            _ => columns.push(array),
+        }
+    }
+    if let Some(twice) = (1..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
+        return Err(Error::input(format!("the column `{}` is there twice", columns[twice])));
+    }
+    let found = PointColumns::find(&columns).map_err(|e| {
+        let names: Vec<&str> = entries.iter().map(|(_, name)| name.as_str()).collect();
+        e.in_context(format_args!("needed an array `points`, found [{}]", names.join(", ")))
+    })?;
+    // Each array is read by a reader of its own, so that all of them go on side by side.
+    let mut archives = wanted.iter().map(|_| open_archive(path)).collect::<Result<Vec<_>>>()?;
+    let mut arrays = Vec::with_capacity(wanted.len());
+    for (archive, (number, array, role)) in archives.iter_mut().zip(&wanted) {
+        let (width, inner) = match role {
+            Role::Family(names) => (names.len() as u64, 1),
+            _ => (1, 0),
+        };
+        let opened = entry(archive, *number).and_then(|source| {
+            let opened = Array::open(source, inner)?;
+            let last = opened.shape().last().copied().unwrap_or(0);
+            if opened.is_structured() || (inner == 1 && last != width) || !matches!(opened.outer().len(), 1 | 2) {
+                return Err(opened.wrong_shape(&match inner {
+                    1 => format!("(n, {width}) or (h, w, {width})"),
+                    _ => "(n,) or (h, w)".to_owned(),
+                }));
+            }
+            Ok(opened)
+        });
+        arrays.push(opened.map_err(|e| e.in_context(format_args!("array `{array}`")))?);
+    }
+    for (array, (_, name, _)) in arrays.iter().zip(&wanted) {
+        if array.outer() != arrays[0].outer() {
+            return Err(Error::input(format!(
+                "the arrays `{}` and `{name}` need entries for the same points, found {:?} and {:?}",
+                wanted[0].1,
+                arrays[0].outer(),
+                array.outer()
+            )));
+        }
+    }
+    let mut scan = collect(arrays, found, false, name)?;
+    if let Some((number, _)) = entries.iter().find(|(_, name)| role(name) == Role::Viewpoint) {
+        let read = entry(&mut archive, *number).and_then(viewpoint);
+        scan.viewing = Viewing::Origin(read.map_err(|e| e.in_context("array `viewpoint`"))?);
+    }
+    Ok(scan)
+}
+
+fn viewpoint<R: Read>(source: Source<R>) -> Result<[f64; 3]> {
+    let mut array = Array::open(source, 1)?;
+    let mut numbers = Vec::new();
+    if array.shape() == [3] && !array.is_structured() {
+        array.next(&mut numbers)?;
+    }
+    match numbers[..] {
+        [x, y, z] if numbers.iter().all(|c| c.is_finite()) => Ok([x, y, z]),
+        _ => Err(array.wrong_shape("of three finite numbers")),
+    }
+}

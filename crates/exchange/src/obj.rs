@@ -1,0 +1,346 @@
+//! OBJ, the text format of Wavefront: vertices, normals and polygons, in and out.
+//!
+//! Comes in: `v x y z` (a weight or colours behind are not looked at), `vn`, and `f` with indices that count from 1 or, negative, back from
+//! the last. A polygon is cut into the fan of its first corner. Lines that end with `\` go on in the next; `#` begins a
+//! comment; every other keyword is passed over. Goes out: a [`PolygonMesh`] or a [`Scan`]; written files hold every digit.
+//!
+//! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn` as `v`, they belong together in order:
+//! so do point clouds write them. A comment `# unit mm` names the unit.
+//!
+//! Not guaranteed: groups, materials, texture coordinates, free-form curves and surfaces are passed over.
+//!
+//! # References
+//! Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1, *Object Files*.
+
+#[cfg(test)]
+mod tests;
+
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use planish_estimate::vector3::add;
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+use crate::Unit;
+use crate::atomic::write_packed;
+use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::source::{Source, next_word, open, parse_number, shown};
+
+/// What stands before the unit's name in our own comments.
+const UNIT_COMMENT: &[u8] = b" unit ";
+
+/// The mark of a vertex that no face gave a normal.
+const NONE: u32 = u32::MAX;
+
+/// Reads vertices as points, with their normals. Vertices with a coordinate that is not finite are dropped and counted.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
+/// for a word that is no number, an index of a vertex or normal that is not there, or no vertices: with file and line.
+pub fn read_scan(path: &Path) -> Result<Scan> {
+    read_scan_and_unit(path).map(|(scan, _)| scan)
+}
+
+/// [`read_scan`], with the unit that the file names.
+pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|mut source| scan_from(&mut source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Reads a mesh; normals become the columns `nx ny nz`.
+///
+/// # Errors
+/// As [`read_scan`]; also for a coordinate that is not finite where there are faces. Without any, the vertex is dropped.
+pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
+    open(path)
+        .and_then(|mut source| mesh_from(&mut source))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Writes a mesh: positions, normals and triangles; other columns have no place in OBJ.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for normals of another number than points, or corners beyond the points;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
+    mesh.check(true).map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| write_to(&mut writer, mesh))
+}
+
+fn write_to(writer: &mut impl Write, mesh: &MeshColumns) -> io::Result<()> {
+    writeln!(writer, "# Planish")?;
+    if let Some(unit) = mesh.unit {
+        writeln!(writer, "# unit {unit}")?;
+    }
+    // The debug form is the shortest text that reads back as the same number, without hundreds of zeros.
+    for [x, y, z] in mesh.points {
+        writeln!(writer, "v {x:?} {y:?} {z:?}")?;
+    }
+    for [x, y, z] in mesh.normals.unwrap_or_default() {
+        writeln!(writer, "vn {x:?} {y:?} {z:?}")?;
+    }
+    for t in mesh.triangles {
+        let [a, b, c] = t.map(|corner| u64::from(corner) + 1);
+        match mesh.normals {
+            Some(_) => writeln!(writer, "f {a}//{a} {b}//{b} {c}//{c}")?,
+            None => writeln!(writer, "f {a} {b} {c}")?,
+        }
+    }
+    Ok(())
+}
+
+/// The largest index that faces name, and on which line.
+#[derive(Default)]
+struct Farthest {
+    index: u32,
+    line: u64,
+}
+
+impl Farthest {
+    fn see(&mut self, index: u32, line: u64) {
+        if self.line == 0 || index > self.index {
+            *self = Self { index, line };
+        }
+    }
+
+    /// Whether there are so many of what is named.
+    fn check(&self, count: usize, what: &str) -> Result<()> {
+        if self.line > 0 && self.index as usize >= count {
+            return Err(Error::input(format!(
+                "line {}: needed the number of a {what} from 1 to {count}, found {}",
+                self.line,
+                u64::from(self.index) + 1
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A file while it is read.
+#[derive(Default)]
+struct Obj {
+    points: Vec<[f64; 3]>,
+    /// The line of the first vertex that is not finite.
+    not_finite: Option<u64>,
+    /// Every `vn`, in order.
+    stated: Vec<[f64; 3]>,
+    /// For each vertex that a face gave a normal: their sum, and which was added last.
+    normals: Vec<([f64; 3], u32)>,
+    /// Vertices and normals that a face names before they come.
+    pending: Vec<(u32, u32)>,
+    triangles: Vec<[u32; 3]>,
+    farthest_vertex: Farthest,
+    farthest_normal: Farthest,
+    unit: Option<Unit>,
+    /// Corners of the face at hand.
+    face: Vec<u32>,
+}
+
+impl Obj {
+    fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
+        let mut obj = Self::default();
+        let mut joined = Vec::new();
+        loop {
+            let number = source.line_number() + 1;
+            let Some(mut line) = source.line()? else { break };
+            if number == 1 {
+                // The mark that some editors put before UTF-8.
+                line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
+            }
+            if let Some(part) = line.trim_ascii_end().strip_suffix(b"\\") {
+                joined.extend_from_slice(part);
+                joined.push(b' ');
+                continue;
+            }
+            // Old files end their lines with CR alone.
+            if joined.is_empty() {
+                line.split(|&b| b == b'\r')
+                    .try_for_each(|line| obj.line(line, number))?;
+            } else {
+                joined.extend_from_slice(line);
+                obj.line(&joined, number)?;
+                joined.clear();
+            }
+        }
+        if !joined.is_empty() {
+            obj.line(&joined, source.line_number())?;
+        }
+        if obj.points.is_empty() {
+            return Err(Error::input(format!(
+                "needed vertices (lines `v x y z`), found none in {} lines",
+                source.line_number()
+            )));
+        }
+        obj.farthest_vertex.check(obj.points.len(), "vertex")?;
+        obj.farthest_normal.check(obj.stated.len(), "normal")?;
+        for (vertex, normal) in std::mem::take(&mut obj.pending) {
+            obj.add_normal(vertex, normal);
+        }
+        Ok(obj)
+    }
+
+    fn line(&mut self, line: &[u8], number: u64) -> Result<()> {
+        let mut rest = match line.iter().position(|&b| b == b'#') {
+            None => line,
+            Some(at) => {
+                if let Some(name) = line[at + 1..].strip_prefix(UNIT_COMMENT)
+                    && line[..at].trim_ascii().is_empty()
+                {
+                    let name = std::str::from_utf8(name.trim_ascii()).unwrap_or_default();
+                    self.unit = name.parse().ok().or(self.unit);
+                }
+                &line[..at]
+            }
+        };
+        match next_word(&mut rest) {
+            Some(b"v") => {
+                let point = three(&mut rest, number)?;
+                if self.points.len() as u64 >= u64::from(NONE) {
+                    return Err(Error::unsupported(format!("line {number}: more than {NONE} vertices")));
+                }
+                if self.not_finite.is_none() && !point.iter().all(|c| c.is_finite()) {
+                    self.not_finite = Some(number);
+                }
+                self.points.push(point);
+            }
+            Some(b"vn") => self.stated.push(three(&mut rest, number)?),
+            Some(b"f" | b"fo") => self.face(rest, number)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, mut rest: &[u8], line: u64) -> Result<()> {
+        self.face.clear();
+        while let Some(corner) = next_word(&mut rest) {
+            let wrong = || {
+                Error::input(format!(
+                    "line {line}: needed a corner `vertex`, `vertex/texture`, `vertex//normal` or `vertex/texture/normal`, found {}",
+                    shown(corner)
+                ))
+            };
+            let mut parts = corner.split(|&b| b == b'/');
+            let index = |part: &[u8], count: usize, what: &str| {
+                let text = std::str::from_utf8(part).map_err(|_| wrong())?;
+                let stated: i64 = text.parse().map_err(|_| wrong())?;
+                let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
+                u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
+                    Error::input(format!(
+                        "line {line}: needed the number of a {what} from 1 on, or from -{count} to -1, found {stated}"
+                    ))
+                })
+            };
+            let vertex = index(parts.next().unwrap_or_default(), self.points.len(), "vertex")?;
+            let normal = match (parts.next(), parts.next(), parts.next()) {
+                (_, None | Some(b""), None) => None,
+                (_, Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
+                _ => return Err(wrong()),
+            };
+            self.farthest_vertex.see(vertex, line);
+            if let Some(normal) = normal {
+                self.farthest_normal.see(normal, line);
+                if (vertex as usize) < self.points.len() && (normal as usize) < self.stated.len() {
+                    self.add_normal(vertex, normal);
+                } else {
+                    self.pending.push((vertex, normal));
+                }
+            }
+            self.face.push(vertex);
+        }
+        let [first, rest @ ..] = &self.face[..] else {
+            return Err(too_few(line, 0));
+        };
+        if rest.len() < 2 {
+            return Err(too_few(line, self.face.len()));
+        }
+        self.triangles
+            .extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+        Ok(())
+    }
+
+    /// Adds a normal to a vertex, both of which exist; not the same one twice in a row.
+    fn add_normal(&mut self, vertex: u32, normal: u32) {
+        if self.normals.len() < self.points.len() {
+            self.normals.resize(self.points.len(), ([0.0; 3], NONE));
+        }
+        let (sum, last) = &mut self.normals[vertex as usize];
+        if *last != normal {
+            *sum = add(*sum, self.stated[normal as usize]);
+            *last = normal;
+        }
+    }
+
+    /// The columns `nx ny nz`, where there are normals.
+    fn normal_columns(&mut self) -> Vec<(String, Vec<f64>)> {
+        let stated = std::mem::take(&mut self.stated);
+        let mut of_faces = std::mem::take(&mut self.normals);
+        let column = |k: usize, numbers: Vec<f64>| (["nx", "ny", "nz"][k].to_owned(), numbers);
+        if !of_faces.is_empty() {
+            of_faces.resize(self.points.len(), ([0.0; 3], NONE));
+            return (0..3)
+                .map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect()))
+                .collect();
+        }
+        if stated.len() == self.points.len() {
+            return (0..3)
+                .map(|k| column(k, stated.iter().map(|n| n[k]).collect()))
+                .collect();
+        }
+        Vec::new()
+    }
+}
+
+fn too_few(line: u64, found: usize) -> Error {
+    Error::input(format!("line {line}: needed three corners or more, found {found}"))
+}
+
+/// The next three numbers of a line.
+fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
+    let mut numbers = [0.0; 3];
+    for (found, number) in numbers.iter_mut().enumerate() {
+        let word =
+            next_word(rest).ok_or_else(|| Error::input(format!("line {line}: needed 3 numbers, found {found}")))?;
+        *number = parse_number(word)
+            .ok_or_else(|| Error::input(format!("line {line}: needed a number, found {}", shown(word))))?;
+    }
+    Ok(numbers)
+}
+
+fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
+    let mut obj = Obj::read(source)?;
+    obj.triangles = Vec::new();
+    let columns = obj.normal_columns();
+    let scan = scan_of_vertices(obj.points.into_iter(), &columns, name)?;
+    Ok((scan, obj.unit))
+}
+
+fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+    let mut obj = Obj::read(source)?;
+    let mut columns = obj.normal_columns();
+    if let Some(line) = obj.not_finite {
+        if !obj.triangles.is_empty() {
+            return Err(Error::input(format!("line {line}: needed finite coordinates")));
+        }
+        // Nothing counts the vertices of a cloud.
+        let finite: Vec<bool> = obj.points.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();
+        let kept = |vertex: &mut usize| {
+            *vertex += 1;
+            finite[*vertex - 1]
+        };
+        let mut vertex = 0;
+        obj.points.retain(|_| kept(&mut vertex));
+        for (_, column) in &mut columns {
+            let mut vertex = 0;
+            column.retain(|_| kept(&mut vertex));
+        }
+    }
+    Ok(PolygonMesh {
+        columns,
+        points: obj.points,
+        triangles: obj.triangles,
+        unit: obj.unit,
+    })
+}

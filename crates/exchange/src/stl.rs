@@ -1,0 +1,291 @@
+//! STL, the triangles of 3D printing: binary and ASCII in, binary out.
+//!
+//! Comes in: triangles that each repeat their corners; equal corners become one vertex. What a facet says of its normal is not looked
+//! at: the order of its corners says the same. Goes out: a [`PolygonMesh`] or a [`Scan`] of the vertices; written files are binary.
+//!
+//! A binary file may begin with `solid` like an ASCII one; it has zero bytes among its first, which no text has.
+//!
+//! Not guaranteed: binary files hold seven digits of a coordinate, [`rounding`] says what that means for one. The unit is read from headers that
+//! Planish wrote; no one else writes it.
+//!
+//! # References
+//! 3D Systems, *StereoLithography Interface Specification*, 1988.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use planish_estimate::vector3::{cross, sub, unit};
+use planish_estimate::{Error, ErrorKind, Result};
+use planish_sense::Scan;
+
+use crate::Unit;
+use crate::atomic::write_packed;
+use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::numbers::NumberType;
+use crate::source::{Source, next_word, open, parse_number, shown};
+
+/// Bytes before the count of triangles, free to use.
+const HEADER: usize = 80;
+/// Bytes of a triangle: twelve numbers and two bytes more.
+const RECORD: usize = 50;
+/// What stands before the unit's name in our own headers. It must not begin with `solid`.
+const UNIT_HEADER: &str = "Planish mesh, unit ";
+
+/// Reads the vertices as points. Corners with a coordinate that is not finite are dropped and counted.
+///
+/// # Errors
+/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is malformed or cut off: with the file
+/// and the line (ASCII) or byte and triangle (binary).
+pub fn read_scan(path: &Path) -> Result<Scan> {
+    read_scan_and_unit(path).map(|(scan, _)| scan)
+}
+
+/// [`read_scan`], with the unit that the file names.
+pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|mut source| scan_from(&mut source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Reads a mesh; equal corners become one vertex.
+///
+/// # Errors
+/// As [`read_scan`]; also for a coordinate that is not finite.
+pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
+    open(path)
+        .and_then(|mut source| mesh_from(&mut source))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Writes the triangles as a binary file; normals and columns have no place in STL.
+///
+/// # Errors
+/// [`Input`](ErrorKind::Input) for corners beyond the points, and for points that `float32` cannot hold; [`Unsupported`](ErrorKind::Unsupported)
+/// for more than 2³² triangles; [`Io`](ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
+    let count = mesh
+        .check(true)
+        .and_then(|()| check_size(mesh))
+        .map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| write_to(&mut writer, mesh, count))
+}
+
+/// Half the distance between two neighbouring `float32` of the size of the largest coordinate: how far a binary file moves a point along an axis
+/// at most.
+#[must_use]
+pub fn rounding(points: &[[f64; 3]]) -> f64 {
+    let largest = points.iter().flatten().fold(0.0_f64, |m, c| m.max(c.abs()));
+    f64::from(f32::EPSILON) / 2.0 * largest
+}
+
+/// The number of triangles, where the format can hold it and the points.
+fn check_size(mesh: &MeshColumns) -> Result<u32> {
+    let too_large = |p: &[f64; 3]| p.iter().any(|&c| !(c as f32).is_finite());
+    if let Some(at) = mesh.points.iter().position(too_large) {
+        let [x, y, z] = mesh.points[at];
+        return Err(Error::input(format!(
+            "vertex {at}: needed coordinates that float32 can hold, found {x} {y} {z}"
+        )));
+    }
+    u32::try_from(mesh.triangles.len())
+        .map_err(|_| Error::new(ErrorKind::Unsupported, "STL holds at most 2³² triangles: write PLY"))
+}
+
+fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Result<()> {
+    let mut header = [b' '; HEADER];
+    let text = match mesh.unit {
+        Some(unit) => format!("{UNIT_HEADER}{unit}"),
+        None => "Planish mesh".to_owned(),
+    };
+    header[..text.len()].copy_from_slice(text.as_bytes());
+    writer.write_all(&header)?;
+    writer.write_all(&count.to_le_bytes())?;
+    for triangle in mesh.triangles {
+        let corners = triangle.map(|v| mesh.points[v as usize]);
+        let [a, b, c] = corners;
+        let normal = unit(cross(sub(b, a), sub(c, a))).unwrap_or([0.0; 3]);
+        let mut record = [0; RECORD];
+        let numbers = normal.iter().chain(corners.iter().flatten());
+        for (bytes, number) in record.chunks_exact_mut(4).zip(numbers) {
+            bytes.copy_from_slice(&(*number as f32).to_le_bytes());
+        }
+        writer.write_all(&record)?;
+    }
+    Ok(())
+}
+
+/// Triangles while they are read.
+#[derive(Default)]
+struct Soup {
+    vertices: HashMap<[u64; 3], u32>,
+    points: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    /// Corners that are not finite, and where the first of them stands.
+    dropped: usize,
+    first_dropped: Option<String>,
+    unit: Option<Unit>,
+}
+
+impl Soup {
+    fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
+        let head = source.peek(HEADER + 4 + RECORD)?;
+        let text = head.trim_ascii_start();
+        let solid = text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid");
+        let mut soup = Self::default();
+        if solid && !head.contains(&0) {
+            soup.read_text(source)?;
+        } else {
+            soup.read_binary(source)?;
+        }
+        if soup.triangles.is_empty() && soup.dropped == 0 {
+            return Err(Error::input("needed triangles, found none"));
+        }
+        Ok(soup)
+    }
+
+    fn read_binary<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
+        let Some(header) = source.bytes(HEADER + 4)? else {
+            return Err(Error::input(format!(
+                "needed a header of {} bytes, or text that begins with `solid`: the file is cut off or no STL file",
+                HEADER + 4
+            )));
+        };
+        let (header, count) = header.split_at(HEADER);
+        let named = header.strip_prefix(UNIT_HEADER.as_bytes());
+        self.unit = named.and_then(|name| std::str::from_utf8(name).ok()?.trim_ascii().parse().ok());
+        let count = NumberType::U32.decode::<false>(count) as u64;
+        source.check_promise(count, "triangles", count * RECORD as u64)?;
+        self.triangles.reserve(source.reserve(count, RECORD as u64));
+        for triangle in 0..count {
+            let byte = source.offset();
+            let Some(record) = source.bytes(RECORD)? else {
+                return Err(Error::input(format!(
+                    "byte {byte}: the file ends here: it is cut off ({count} triangles promised, {triangle} found)"
+                )));
+            };
+            let mut corners = [[0.0; 3]; 3];
+            for (number, bytes) in corners.iter_mut().flatten().zip(record[12..].chunks_exact(4)) {
+                *number = NumberType::F32.decode::<false>(bytes);
+            }
+            self.push(&corners, format_args!("byte {byte} (triangle {triangle})"))?;
+        }
+        Ok(())
+    }
+
+    fn read_text<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
+        let mut corners: Vec<[f64; 3]> = Vec::new();
+        let mut ended = false;
+        loop {
+            let number = source.line_number() + 1;
+            let Some(mut line) = source.line()? else { break };
+            while let Some(word) = next_word(&mut line) {
+                match word.to_ascii_lowercase().as_slice() {
+                    // A name may hold anything.
+                    b"solid" => {
+                        ended = false;
+                        line = &[];
+                    }
+                    b"endsolid" => {
+                        ended = true;
+                        line = &[];
+                    }
+                    b"facet" => {
+                        // The word `normal` and three numbers that nobody needs.
+                        for _ in 0..4 {
+                            next_word(&mut line);
+                        }
+                    }
+                    b"outer" | b"loop" | b"endfacet" => {}
+                    b"vertex" => {
+                        let mut point = [0.0; 3];
+                        for (found, coordinate) in point.iter_mut().enumerate() {
+                            let word = next_word(&mut line).ok_or_else(|| {
+                                Error::input(format!("line {number}: needed 3 numbers, found {found}"))
+                            })?;
+                            *coordinate = parse_number(word).ok_or_else(|| {
+                                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+                            })?;
+                        }
+                        corners.push(point);
+                    }
+                    b"endloop" => {
+                        let [a, b, c] = corners[..] else {
+                            return Err(Error::input(format!(
+                                "line {number}: needed three corners in a facet, found {}",
+                                corners.len()
+                            )));
+                        };
+                        self.push(&[a, b, c], format_args!("line {number}"))?;
+                        corners.clear();
+                    }
+                    _ => {
+                        return Err(Error::input(format!(
+                            "line {number}: needed `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` or `endsolid`, found {}",
+                            shown(word)
+                        )));
+                    }
+                }
+            }
+        }
+        if !ended {
+            return Err(Error::input(format!(
+                "line {}: the file ends before `endsolid`: it is cut off",
+                source.line_number()
+            )));
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, corners: &[[f64; 3]; 3], place: std::fmt::Arguments) -> Result<()> {
+        let mut triangle = [0; 3];
+        let mut whole = true;
+        for (index, corner) in triangle.iter_mut().zip(corners) {
+            if !corner.iter().all(|c| c.is_finite()) {
+                whole = false;
+                self.dropped += 1;
+                self.first_dropped.get_or_insert_with(|| place.to_string());
+                continue;
+            }
+            let next = u32::try_from(self.points.len()).map_err(|_| {
+                Error::new(
+                    ErrorKind::Unsupported,
+                    "more than 2³² vertices: cut the mesh into parts",
+                )
+            })?;
+            // Adding zero makes −0 and 0 one key.
+            *index = *self.vertices.entry(corner.map(|c| (c + 0.0).to_bits())).or_insert(next);
+            if *index == next {
+                self.points.push(*corner);
+            }
+        }
+        if whole {
+            self.triangles.push(triangle);
+        }
+        Ok(())
+    }
+}
+
+fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
+    let soup = Soup::read(source)?;
+    let mut scan = scan_of_vertices(soup.points.into_iter(), &[], name)?;
+    scan.dropped_not_finite = soup.dropped;
+    Ok((scan, soup.unit))
+}
+
+fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+    let soup = Soup::read(source)?;
+    match soup.first_dropped {
+        Some(place) => Err(Error::input(format!("{place}: needed finite coordinates"))),
+        None => Ok(PolygonMesh {
+            points: soup.points,
+            triangles: soup.triangles,
+            columns: Vec::new(),
+            unit: soup.unit,
+        }),
+    }
+}

@@ -1,0 +1,99 @@
+//! A camera whose every pixel reads a depth.
+
+/// A pinhole camera that reads depth along its axis.
+///
+/// Pixel (u, v), centres at integers, with the reading d lies at `z = scale d` and `p = z ((u − cx)/fx, (v − cy)/fy, 1)`: x right, y down, z
+/// forward, from the camera's centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthCamera {
+    /// Focal lengths `fx fy`, in pixels.
+    pub focal: [f64; 2],
+    /// The pixel `cx cy` on the axis.
+    pub center: [f64; 2],
+    /// The length that a reading of 1 stands for.
+    pub scale: f64,
+    /// `a` and `b` of σ_z = a + b z², in the model's unit and its inverse; none where not known.
+    pub sigma: Option<[f64; 2]>,
+}
+
+impl DepthCamera {
+    /// The point of a reading; `None` where there is none: 0, negative or not finite.
+    #[inline]
+    #[must_use]
+    pub fn point(&self, u: f64, v: f64, reading: f64) -> Option<[f64; 3]> {
+        let z = self.scale * reading;
+        (z > 0.0 && z.is_finite()).then(|| self.ray(u, v).map(|c| z * c))
+    }
+
+    /// The ray of a pixel, of length 1 along the axis.
+    fn ray(&self, u: f64, v: f64) -> [f64; 3] {
+        [
+            (u - self.center[0]) / self.focal[0],
+            (v - self.center[1]) / self.focal[1],
+            1.0,
+        ]
+    }
+
+    /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a pixel at depth z, where σ is known.
+    ///
+    /// An error of the depth moves the point along its ray: `(a + b z²)² d dᵀ` with the ray d. Across it, the point may be anywhere on the
+    /// pixel: a uniform distribution of variance `(z/f)²/12`.
+    #[inline]
+    #[must_use]
+    pub fn covariance(&self, u: f64, v: f64, z: f64) -> Option<[f64; 6]> {
+        let [a, b] = self.sigma?;
+        let along = (a + b * z * z).powi(2);
+        let across = z * z / (self.focal[0] * self.focal[1]).abs() / 12.0;
+        let d = self.ray(u, v);
+        let square = d.iter().map(|c| c * c).sum::<f64>();
+        let extra = along - across / square;
+        let entry = |i: usize, j: usize| extra * d[i] * d[j] + if i == j { across } else { 0.0 };
+        Some([
+            entry(0, 0),
+            entry(0, 1),
+            entry(0, 2),
+            entry(1, 1),
+            entry(1, 2),
+            entry(2, 2),
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variance_along;
+
+    const CAMERA: DepthCamera = DepthCamera {
+        focal: [500.0, 520.0],
+        center: [319.5, 239.5],
+        scale: 0.001,
+        sigma: Some([0.001, 0.002]),
+    };
+
+    #[test]
+    fn a_reading_lies_on_the_ray_of_its_pixel() {
+        let p = CAMERA.point(419.5, 135.5, 2000.0).unwrap();
+        assert!(
+            p.iter().zip([0.4, -0.4, 2.0]).all(|(a, b)| (a - b).abs() < 1e-15),
+            "{p:?}"
+        );
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(CAMERA.point(0.0, 0.0, nothing), None);
+        }
+    }
+
+    #[test]
+    fn an_error_of_depth_moves_the_point_along_its_ray() {
+        let c = CAMERA.covariance(719.5, 239.5, 2.0).unwrap();
+        // σ_z is 9 mm, the ray is (0.8, 0, 1).
+        let length = 1.64_f64.sqrt();
+        let ray = [0.8 / length, 0.0, 1.0 / length];
+        assert!((variance_along(&c, ray).sqrt() - 0.009 * length).abs() < 1e-12);
+        let pixel = 2.0 / (500.0_f64 * 520.0).sqrt() / 12.0_f64.sqrt();
+        for across in [[0.0, 1.0, 0.0], [1.0 / length, 0.0, -0.8 / length]] {
+            assert!((variance_along(&c, across).sqrt() - pixel).abs() < 1e-12);
+        }
+        assert_eq!(DepthCamera { sigma: None, ..CAMERA }.covariance(0.0, 0.0, 1.0), None);
+    }
+}
