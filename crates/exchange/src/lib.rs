@@ -24,6 +24,7 @@ pub mod vrip;
 pub mod xyz;
 
 mod atomic;
+mod foreign;
 mod numbers;
 mod points;
 mod scans;

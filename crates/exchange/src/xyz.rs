@@ -35,6 +35,9 @@ pub fn read_points(path: &Path) -> Result<Scan> {
         .map_err(|e| e.in_context(path.display()))
 }
 
+/// Most columns that a header may name: no program writes a hundredth of it.
+const MOST_COLUMNS: usize = 4096;
+
 /// What stands between two numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Separator {
@@ -113,6 +116,12 @@ impl Layout {
     }
 
     fn named(names: &[String], separator: Separator) -> Result<Self> {
+        if names.len() > MOST_COLUMNS {
+            return Err(Error::input(format!(
+                "needed at most {MOST_COLUMNS} columns, found {}",
+                names.len()
+            )));
+        }
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         if let Some(twice) = (1..names.len()).find(|&k| !names[k].is_empty() && names[..k].contains(&names[k])) {
             return Err(Error::input(format!("the column `{}` is named twice", names[twice])));
@@ -306,6 +315,12 @@ mod tests {
         assert!(message("# nothing\n\n").contains("found none in 2 lines"));
         assert!(message("hello\n").contains("line 1"));
         assert!(message("x,y,z,x\n").contains("named twice"));
+    }
+
+    #[test]
+    fn a_header_of_a_million_columns_is_refused_at_once() {
+        let names: String = (0..1_000_000).map(|k| format!(",{k}")).collect();
+        assert!(message(&format!("x,y,z{names}\n")).contains("line 1: needed at most 4096 columns, found 1000003"));
     }
 
     proptest! {
