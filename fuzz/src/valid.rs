@@ -5,12 +5,12 @@
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use las::point::{Classification, Format};
-use planish::fit::FitOptions;
-use planish::fit_files::{FitJob, fit_files};
+use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
+use planish::saved::save;
 use planish_estimate::{Error, Result};
-use planish_exchange::Unit;
 use planish_exchange::ply::{Column, MeshColumns, write_mesh, write_scan};
+use planish_exchange::{Unit, read_inputs};
 use planish_sense::{RangeGrid, Scan};
 use std::fmt::Write as _;
 use std::io::{Cursor, Write as _};
@@ -232,7 +232,7 @@ pub fn jobs() -> Result<Vec<Vec<u8>>> {
     ])
 }
 
-/// Models of a sheet, a tube and a ball.
+/// Models of a sheet and a ball.
 pub fn models() -> Result<Vec<Vec<u8>>> {
     use planish::Shape;
     [Shape::Sheet, Shape::Ball].into_iter().map(model).collect()
@@ -258,17 +258,17 @@ fn model(shape: planish::Shape) -> Result<Vec<u8>> {
         },
         Some(Unit::Millimetre),
     )?;
-    let job = FitJob {
-        inputs: vec![scan],
-        outputs: vec![model.clone()],
-        options: FitOptions {
-            shape: Some(shape),
-            max_coefficients: 64,
-            ..FitOptions::default()
-        },
-        ..FitJob::default()
+    let options = FitOptions {
+        shape: Some(shape),
+        max_coefficients: 64,
+        ..FitOptions::default()
     };
-    fit_files(&job, &Silent)?;
+    // Without the sessions, which name the folder.
+    save(
+        &fit(&read_inputs(&[scan], None)?, &options, &Silent)?.model,
+        &[],
+        &model,
+    )?;
     std::fs::read(&model).map_err(|e| Error::io("no model").with_source(e))
 }
 

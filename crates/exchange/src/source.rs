@@ -306,6 +306,16 @@ impl<R: Read> Source<R> {
         }
     }
 
+    /// The next `n` bytes, which stay the next ones; `None` where fewer are left.
+    pub(crate) fn peek(&mut self, n: usize) -> Result<Option<&[u8]>> {
+        while self.end - self.start < n {
+            if !self.fill()? {
+                return Ok(None);
+            }
+        }
+        Ok(Some(&self.buffer[self.start..self.start + n]))
+    }
+
     /// Passes over `n` bytes; false where fewer are left.
     pub(crate) fn skip(&mut self, n: u64) -> Result<bool> {
         let mut left = n;

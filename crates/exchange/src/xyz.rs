@@ -205,9 +205,11 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 None if layout.tentative_normals && record.len() >= 3 => 0.0,
                 None => {
                     let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
+                    // `1,5 2,5` too: what lies between two commas is then the end of one number and the beginning of the next.
+                    let halves = layout.separator == Separator::Byte(b',') && field.iter().any(u8::is_ascii_whitespace);
                     let way_out = match parse_number(&point) {
-                        Some(_) => ": write decimals with a point",
-                        None => "",
+                        None if !halves => "",
+                        _ => ": write decimals with a point",
                     };
                     return Err(Error::input(format!(
                         "line {number}: needed a number, found {}{way_out}",
@@ -312,6 +314,7 @@ mod tests {
         assert!(message("x,y,sigma\n").contains("line 1: needed a point or a header"));
         assert!(message("x,y,z,cxx\n").contains("line 1: needed all of the columns cxx"));
         assert!(message("1,5;2,5;3,5\n").contains("found `1,5;2,5;3,5`"));
+        assert!(message("1,5 2,5 3,5\n").contains("found `5 2`: write decimals with a point"));
         assert!(message("# nothing\n\n").contains("found none in 2 lines"));
         assert!(message("hello\n").contains("line 1"));
         assert!(message("x,y,z,x\n").contains("named twice"));

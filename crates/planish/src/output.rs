@@ -11,7 +11,7 @@ use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::step::{Brep, StepOptions, write_step};
 use planish_exchange::{Unit, check_writable, real_path};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::path::{Path, PathBuf};
 
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
@@ -74,6 +74,7 @@ pub struct PlannedOutput {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WrittenFile {
     /// Its path as the user gave it.
+    #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     /// Its format.
     pub format: OutputFormat,
@@ -89,6 +90,11 @@ pub struct WrittenFile {
     /// How far the chords of a mesh leave the surface at most.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+}
+
+/// A path for programs; what is no text in it is replaced, as in every message.
+fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
 }
 
 /// Checks every output before the work begins.
