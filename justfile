@@ -10,5 +10,9 @@ nightly:
 docs:
     cargo doc --workspace --no-deps
 
+# Damaged files for every reader; the checks run two thousand of each.
+fuzz:
+    cargo run --release -p planish-fuzz -- --cases 1000000
+
 bench:
     cargo bench -p planish-estimate

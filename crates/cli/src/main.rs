@@ -19,7 +19,11 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     failure::announce_bugs();
-    let outcome = match Cli::parse().command {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) => return ExitCode::from(report::not_understood(&e)),
+    };
+    let outcome = match cli.command {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Info(args) => info::run(&args),

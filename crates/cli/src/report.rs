@@ -1,9 +1,10 @@
 //! What every command does with its result: the summary on stdout, warnings on stderr, the exit code.
 
-use crate::args::CommonArgs;
+use crate::args::{Cli, CommonArgs};
 use crate::failure;
 use crate::numbers::{count, significant};
 use crate::progress::Terminal;
+use clap::CommandFactory;
 use planish::model::SensorReport;
 use planish::progress::Progress;
 use planish::{Error, ErrorKind, Result, Unit};
@@ -120,6 +121,58 @@ pub fn run<B: Serialize>(
         }
         Ok(()) => code,
     }
+}
+
+/// Prints the help or version that was asked for, or what is wrong with a command line; returns the exit code.
+///
+/// Programs that ask for `--json` are told in JSON, as of every other failure.
+pub fn not_understood(error: &clap::Error) -> u8 {
+    // Nothing can be done where stderr itself is closed.
+    let _ = error.print();
+    let wrong = error.use_stderr();
+    if wrong && std::env::args_os().any(|word| word == "--json") {
+        let rendered = error.render().to_string();
+        let paragraph = rendered
+            .lines()
+            .take_while(|line| !line.trim().is_empty())
+            .map(str::trim);
+        let message = paragraph.collect::<Vec<_>>().join(" ");
+        let object = Json {
+            command: &command_named(),
+            version: env!("CARGO_PKG_VERSION"),
+            seconds: 0.0,
+            threads: rayon::current_num_threads(),
+            seed: 0,
+            unit: None,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            body: FailedBody {
+                warnings: [],
+                termination: None,
+                error: FailedError {
+                    kind: kind_name(ErrorKind::Input),
+                    message: message.trim_start_matches("error: ").to_owned(),
+                },
+            },
+        };
+        // The exit code says enough where stdout is closed.
+        let _ = print_json(&object);
+    }
+    if wrong { ErrorKind::Input.exit_code() } else { 0 }
+}
+
+/// The command that a command line begins with, as far as it is one.
+fn command_named() -> String {
+    let mut names: Vec<String> = Vec::new();
+    let mut command = Cli::command();
+    for word in std::env::args_os().skip(1) {
+        let Some(next) = command.find_subcommand(&word).cloned() else {
+            break;
+        };
+        names.push(word.to_string_lossy().into_owned());
+        command = next;
+    }
+    names.join(" ")
 }
 
 fn json<'a, B: Serialize>(

@@ -176,6 +176,32 @@ fn json_stands_alone_on_stdout_and_stderr_keeps_the_warnings() {
 }
 
 #[test]
+fn a_command_line_that_is_not_understood_is_an_object_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (line, command, words) in [
+        ("fit --json", "fit", "required arguments were not provided: <SCAN>..."),
+        ("fit a.xyz --json --gate 0", "fit", "needed at least 1 σ"),
+        ("frobnicate --json", "", "unrecognized subcommand 'frobnicate'"),
+        ("simulate scene scans --json", "simulate scene scans", "--out <DIR>"),
+    ] {
+        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(said.code, 2, "{line}");
+        let object = said.json();
+        has(&object, &COMMON);
+        assert_eq!(
+            (&object["command"], &object["termination"]),
+            (&command.into(), &Value::Null)
+        );
+        assert_eq!(object["error"]["kind"], "input");
+        let message = object["error"]["message"].as_str().unwrap_or_default();
+        assert!(message.contains(words) && !message.starts_with("error"), "{message}");
+        assert!(said.stderr.contains("--help"), "people are told too: {}", said.stderr);
+    }
+    let help = planish(folder.path(), &["fit", "--json", "--help"]).ok();
+    assert!(help.stdout.contains("Usage: planish fit"));
+}
+
+#[test]
 fn a_failure_is_an_object_too() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("points");

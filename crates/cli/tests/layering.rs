@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::process::Command;
 
 /// For each crate its layer. A crate may use those of lower layers, never its peers or what lies above.
-const LAYERS: [(&str, u8); 9] = [
+const LAYERS: [(&str, u8); 10] = [
     ("planish-estimate", 0),
     ("planish-spline", 1),
     ("planish-mesh", 1),
@@ -15,6 +15,7 @@ const LAYERS: [(&str, u8); 9] = [
     ("planish-exchange", 3),
     ("planish", 4),
     ("planish-cli", 5),
+    ("planish-fuzz", 5),
 ];
 
 /// What is wrong with the arrows between these crates and the crates that each of them uses.

@@ -40,7 +40,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
         let mut writer = BufWriter::new(&device);
         return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
     };
-    let temporary = temporary_in(&folder).map_err(failed)?;
+    let temporary = temporary_in(&folder).map_err(|e| not_made(path, &folder, &e))?;
     let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
@@ -72,7 +72,7 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
 pub fn check_writable(path: &Path) -> Result<()> {
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
-        Target::File { folder, .. } => temporary_in(&folder).map(drop).map_err(failed),
+        Target::File { folder, .. } => temporary_in(&folder).map(drop).map_err(|e| not_made(path, &folder, &e)),
         Target::Device => OpenOptions::new().write(true).open(path).map(drop).map_err(failed),
     }
 }
@@ -95,7 +95,22 @@ enum Target {
 }
 
 fn could_not_write(path: &Path, e: io::Error) -> Error {
-    Error::io(format!("{}: could not be written", path.display())).with_source(e)
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    let full = match e.kind() {
+        StorageFull | QuotaExceeded | FileTooLarge => " for want of space: make room, or choose another disk",
+        _ => "",
+    };
+    Error::io(format!("{}: could not be written{full}", path.display())).with_source(e)
+}
+
+/// The name of the file that could not be made means nothing to anybody: the folder is named.
+fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
+    Error::io(format!(
+        "{}: no file can be made in the folder {}",
+        path.display(),
+        folder.display()
+    ))
+    .with_source(io::Error::from(e.kind()))
 }
 
 fn target_of(path: &Path) -> Result<Target> {

@@ -146,11 +146,21 @@ pub fn read_job(path: &Path) -> Result<Job> {
 }
 
 /// Turns places in a text into messages.
-struct Text<'a>(&'a str);
+struct Text {
+    /// Where lines end, ascending.
+    ends: Vec<usize>,
+}
 
-impl Text<'_> {
+impl Text {
+    fn new(text: &str) -> Self {
+        let ends = text.bytes().enumerate().filter(|(_, b)| *b == b'\n');
+        Self {
+            ends: ends.map(|(at, _)| at).collect(),
+        }
+    }
+
     fn line(&self, at: usize) -> usize {
-        1 + self.0.bytes().take(at).filter(|&b| b == b'\n').count()
+        1 + self.ends.partition_point(|&end| end < at)
     }
 
     fn wrong<T>(&self, found: &Spanned<T>, message: impl std::fmt::Display) -> Error {
@@ -228,7 +238,8 @@ impl Text<'_> {
     fn scan(&self, entry: &Spanned<ScanTable>, sensors: &[Sensor], folder: &Path) -> Result<ScanEntry> {
         let table = entry.get_ref();
         let sensor = match &table.sensor {
-            Some(name) => sensors.iter().position(|s| s.name == *name.get_ref()).ok_or_else(|| {
+            // Sensors are in the order of their names.
+            Some(name) => sensors.binary_search_by(|s| s.name.cmp(name.get_ref())).map_err(|_| {
                 let known: Vec<_> = sensors.iter().map(|s| s.name.as_str()).collect();
                 self.wrong(
                     name,
@@ -298,7 +309,7 @@ impl Text<'_> {
 }
 
 fn parse(source: &str, folder: &Path) -> Result<Job> {
-    let text = Text(source);
+    let text = Text::new(source);
     let kinds: KindsOnly = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
     for (name, sensor) in &kinds.sensor {
         if let Some(kind) = &sensor.kind
@@ -494,6 +505,14 @@ viewpoint = [0, 0, 300]
             e.to_string().contains("job.toml: line 3") && e.to_string().contains("gone.ply"),
             "{e}"
         );
+    }
+
+    #[test]
+    fn a_job_of_a_hundred_thousand_scans_is_read_at_once() {
+        let scans: String = (0..100_000)
+            .map(|k| format!("[[scan]]\nfile = \"{k}.ply\"\n"))
+            .collect();
+        assert_eq!(parse(&scans, Path::new("d")).unwrap().scans[99_999].line, 200_000);
     }
 
     proptest! {

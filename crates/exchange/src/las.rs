@@ -3,7 +3,11 @@
 //! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class of every point where the
 //! file tells any apart. Points that are marked as withheld are not read.
 //!
+//! The crate that decodes believes what a file says of its own sizes: [`limits`] asks first whether the file can hold them.
+//!
 //! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the same unit.
+
+mod limits;
 
 use std::io::BufReader;
 use std::path::Path;
@@ -13,11 +17,12 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
 use crate::GeoReference;
+use crate::foreign::guarded;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Points that are read at once.
-const BATCH: u64 = 1 << 16;
+/// Bytes of points that are read at once, about.
+const BATCH: u64 = 1 << 21;
 
 /// Reads points, and their classes where the file holds any.
 ///
@@ -37,7 +42,9 @@ pub fn read_las(path: &Path) -> Result<Scan> {
 pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
     let header = open_file(path)
         .and_then(|(file, _)| {
-            Reader::new(BufReader::new(file)).map_err(|e| {
+            let mut file = BufReader::new(file);
+            limits::check(&mut file)?;
+            guarded(|| Reader::new(file))?.map_err(|e| {
                 Error::input("the header cannot be read: the file is damaged or no LAS file").with_source(e)
             })
         })
@@ -56,29 +63,21 @@ pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
 const PROJECTION: &str = "LASF_Projection";
 
 fn scan_from(path: &Path, name: &str) -> Result<Scan> {
-    let (file, length) = open_file(path)?;
+    let mut file = BufReader::new(open_file(path)?.0);
+    limits::check(&mut file)?;
     let damaged =
         |e: las::Error, what: &str| Error::input(format!("{what}: the file is damaged or no LAS file")).with_source(e);
-    let mut reader = Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
+    let mut reader = guarded(|| Reader::new(file))?.map_err(|e| damaged(e, "the header cannot be read"))?;
     let header = reader.header();
     let promised = header.number_of_points();
     let format = *header.point_format();
-    let record = u64::from(format.len());
-    if let Some(length) = length
-        && !format.is_compressed
-        && promised.saturating_mul(record) > length
-    {
-        return Err(Error::input(format!(
-            "the header promises {promised} points of {record} bytes, but the file has {length} bytes: it is cut off or its header is wrong"
-        )));
-    }
+    let at_once = (BATCH / u64::from(format.len()).max(1)).max(1);
     let mut batch = PointDataBuilder::new().for_header(header).build();
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();
     let mut point = 0;
     while point < promised {
-        let found = reader
-            .fill_points(BATCH.min(promised - point), &mut batch)
+        let found = guarded(|| reader.fill_points(at_once.min(promised - point), &mut batch))?
             .map_err(|e| damaged(e, &format!("point {point} or one of the next cannot be read")))?;
         if found == 0 {
             return Err(Error::input(format!(
@@ -201,6 +200,60 @@ mod tests {
             bomb[107..111].copy_from_slice(&1_000_000_000_u32.to_le_bytes());
             bomb[247..255].copy_from_slice(&1_000_000_000_u64.to_le_bytes());
             assert!(message(&bomb).contains(name));
+        }
+    }
+
+    /// Every number that decoders take memory for, in turn: none of these files is larger than some kilobytes.
+    #[test]
+    fn sizes_that_a_file_cannot_hold_are_refused_before_they_take_memory() {
+        let folder = tempfile::tempdir().unwrap();
+        let plain = fs::read(file(folder.path(), "a.las", true)).unwrap();
+        let packed = fs::read(file(folder.path(), "a.laz", true)).unwrap();
+        let number = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        let points = number(&packed, 96);
+        let table = number(&packed, points);
+        // The description of the compression: its first item's size stands 38 bytes after its head.
+        let head = packed.windows(14).position(|w| w == b"laszip encoded").unwrap() - 2;
+        for (name, bytes, at, written, words) in [
+            ("a.las", &plain, 235, &u64::to_le_bytes(400)[..], "extended record"),
+            ("a.laz", &packed, 235, &u64::to_le_bytes(400)[..], "extended record"),
+            ("a.laz", &packed, table + 4, &[0xff; 4], "a table of 4294967295 chunks"),
+            ("a.laz", &packed, points, &[0xff; 8], "the table of the chunks"),
+            ("a.laz", &packed, points + 8 + 30 + 4, &[0xff; 4], "chunk 0 promises"),
+            (
+                "a.laz",
+                &packed,
+                head + 54 + 36,
+                &u16::to_le_bytes(31),
+                "items of a point take",
+            ),
+            ("a.laz", &packed, 105, &u16::to_le_bytes(65_000), "at most 4096 bytes"),
+            (
+                "a.laz",
+                &packed,
+                247,
+                &u64::to_le_bytes(1 << 40),
+                "would fill the memory",
+            ),
+        ] {
+            let mut bomb = bytes.clone();
+            bomb[at..at + written.len()].copy_from_slice(written);
+            if at == 235 {
+                // One extended record, whose length is the largest there is.
+                bomb[243..247].copy_from_slice(&1_u32.to_le_bytes());
+                bomb[420..428].copy_from_slice(&(u64::MAX >> 1).to_le_bytes());
+            }
+            if at == 247 {
+                bomb[107..111].fill(0);
+            }
+            let path = folder
+                .path()
+                .join("bomb")
+                .with_extension(Path::new(name).extension().unwrap());
+            fs::write(&path, bomb).unwrap();
+            let e = read_las(&path).map(|scan| scan.points.len()).unwrap_err();
+            assert_eq!(e.kind(), planish_estimate::ErrorKind::Input, "{e}");
+            assert!(e.to_string().contains(words), "{words}: {e}");
         }
     }
 }

@@ -41,6 +41,7 @@ pub mod vrip;
 pub mod xyz;
 
 mod atomic;
+mod foreign;
 mod georeference;
 mod numbers;
 mod points;

@@ -310,6 +310,22 @@ mod tests {
     }
 
     #[test]
+    fn numbers_of_the_metadata_come_back_to_the_last_bit() {
+        let mut state = 1_u64;
+        let numbers: Vec<f64> = (0..2000)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (state >> 11) as f64 * 1e-14
+            })
+            .chain([31.245_270_191_439_438])
+            .collect();
+        let mut model = model();
+        model.metadata["numbers"] = json!(numbers);
+        let read = from_bytes(&to_bytes(&model).unwrap()).unwrap();
+        assert_eq!(read.metadata["numbers"], json!(numbers));
+    }
+
+    #[test]
     fn a_file_cut_anywhere_is_refused() {
         let bytes = to_bytes(&model()).unwrap();
         for end in 0..bytes.len() {

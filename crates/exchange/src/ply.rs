@@ -2,8 +2,7 @@
 //!
 //! Comes in: ASCII and both binary orders, any number types, lists, elements that nobody asked for, LF or CRLF, comments.
 //! Goes out: a [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]; written files are binary little endian.
-//! Not guaranteed: `tristrips`, colours and other elements and properties are passed over; what follows the last promised
-//! record is not looked at.
+//! Not guaranteed: `tristrips`, colours and other elements and properties are passed over.
 //!
 //! Files are streamed: beside the result, memory does not depend on the file's size, and no promised count reserves more
 //! than the file can hold.

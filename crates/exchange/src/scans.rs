@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::{Pose, Scan, Sensor, SensorKind, Viewing};
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ use crate::las::{read_georeference, read_las};
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
-use crate::source::extension;
+use crate::source::{extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, stl};
@@ -157,8 +157,42 @@ fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
     })
 }
 
-/// A file that holds one scan.
+/// How files of some formats begin, what the format is called, and the extensions that say so.
+const BEGINNINGS: [(&[u8], &str, &[&str]); 4] = [
+    (b"ply", "PLY", &["ply"]),
+    (b"# .PCD", "PCD", &["pcd"]),
+    (b"LASF", "LAS", &["las", "laz"]),
+    (b"PK\x03\x04", "zip", &["zip"]),
+];
+
+/// What a file that its extension's reader refused should have been called, where its first bytes tell.
+fn misnamed(path: &Path) -> Option<Error> {
+    let named = extension(path);
+    let longest = BEGINNINGS.iter().map(|(bytes, ..)| bytes.len()).max()?;
+    let mut source = open(path).ok()?;
+    let first = source.peek(longest).ok()?;
+    let (_, format, extensions) = BEGINNINGS.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
+    let way_out = match *format {
+        "zip" => "unpack it".to_owned(),
+        _ => format!("rename it to end in .{}", extensions.join(" or .")),
+    };
+    (!extensions.contains(&named.as_str())).then(|| {
+        Error::input(format!(
+            "{}: begins as a {format} file does, but its extension is `{named}`: {way_out}",
+            path.display()
+        ))
+    })
+}
+
+/// A file that holds one scan; one of another format than its extension says is called by its name.
 fn read_single(path: &Path) -> Result<(Scan, Option<Unit>)> {
+    read_by_extension(path).map_err(|e| match e.kind() {
+        ErrorKind::Input => misnamed(path).unwrap_or(e),
+        _ => e,
+    })
+}
+
+fn read_by_extension(path: &Path) -> Result<(Scan, Option<Unit>)> {
     match extension(path).as_str() {
         "ply" => read_scan_and_unit(path),
         "las" | "laz" => {
@@ -172,6 +206,10 @@ fn read_single(path: &Path) -> Result<(Scan, Option<Unit>)> {
         "stl" => stl::read_scan_and_unit(path),
         "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
+        list @ ("conf" | "toml") => Err(Error::input(format!(
+            "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not in other lists",
+            path.display()
+        ))),
         other => {
             // A wrong name is the likelier mistake.
             if !path.exists() {
@@ -356,7 +394,6 @@ fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::ErrorKind;
 
     fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
@@ -427,6 +464,9 @@ mod tests {
             ("b.xyz", "nan 0 0\n"),
             ("c.3mf", "PK\n"),
             ("d.csv", "x,y,z,sigma\n0,0,0,-1\n"),
+            ("ply.pcd", PLY),
+            ("pcd.xyz", "# .PCD v0.7\nVERSION 0.7\n"),
+            ("self.conf", "bmesh self.conf 0 0 0 0 0 0 1\n"),
             ("l.conf", "bmesh d.csv 0 0 0 0 0 0 1\n"),
         ]);
         let read = |names: &[&str], unit| {
@@ -458,6 +498,9 @@ mod tests {
                 "d.csv: line 2: needed sigma > 0, found -1 (point 0)",
             ),
             (&["l.conf"], None, ErrorKind::Input, "l.conf (line 1)"),
+            (&["ply.pcd"], None, ErrorKind::Input, "rename it to end in .ply"),
+            (&["pcd.xyz"], None, ErrorKind::Input, "rename it to end in .pcd"),
+            (&["self.conf"], None, ErrorKind::Input, "not in other lists"),
         ] {
             let e = read(names, unit);
             assert_eq!(e.kind(), kind, "{e}");

@@ -65,9 +65,64 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     // A pipe cannot be rewound: the first bytes are put before the rest.
     let whole = io::Cursor::new(first).take(found as u64).chain(file);
     Ok(match first == GZIP {
-        true => Source::new(Box::new(MultiGzDecoder::new(whole)), None),
+        true => Source::new(Box::new(Unpacked::new(whole)), None),
         false => Source::new(Box::new(whole), length),
     })
+}
+
+/// No measurement is compressed to less than this share.
+const MOST_EXPANSION: u64 = 100;
+/// What any file may unpack to, however small it is.
+const ALWAYS_UNPACKED: u64 = 64 << 20;
+
+/// Refuses what is small on the disk and fills the memory.
+pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
+    match unpacked > ALWAYS_UNPACKED.saturating_add(packed.saturating_mul(MOST_EXPANSION)) {
+        true => Err(Error::input(format!(
+            "{packed} compressed bytes stand for {unpacked} and more: no measurements do, and they would fill the memory; unpack the file \
+             first if it is to be read"
+        ))),
+        false => Ok(()),
+    }
+}
+
+/// Unpacks gzip as long as it stays in proportion.
+struct Unpacked<R> {
+    decoder: MultiGzDecoder<Counted<R>>,
+    given: u64,
+}
+
+/// Counts what is read.
+struct Counted<R> {
+    reader: R,
+    count: u64,
+}
+
+impl<R: Read> Read for Counted<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.reader.read(buffer)?;
+        self.count += n as u64;
+        Ok(n)
+    }
+}
+
+impl<R: Read> Unpacked<R> {
+    fn new(reader: R) -> Self {
+        Self {
+            decoder: MultiGzDecoder::new(Counted { reader, count: 0 }),
+            given: 0,
+        }
+    }
+}
+
+impl<R: Read> Read for Unpacked<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.decoder.read(buffer)?;
+        self.given += n as u64;
+        check_expansion(self.decoder.get_ref().count, self.given)
+            .map_err(|e| io::Error::new(IoKind::FileTooLarge, e.to_string()))?;
+        Ok(n)
+    }
 }
 
 /// The extension of a file's name in lower case; `.gz` at its end does not count.
@@ -88,13 +143,13 @@ pub fn extension(path: &Path) -> String {
 /// Reads a small text file whole (a list or a job, not a cloud).
 pub(crate) fn read_text(path: &Path) -> Result<String> {
     /// No list of scans that a person or script wrote comes near.
-    const LONGEST_TEXT: u64 = 64 << 20;
+    const LONGEST_TEXT: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
     let read = file.take(LONGEST_TEXT + 1).read_to_end(&mut bytes);
     read.map_err(|e| Error::io("could not be read").with_source(e))?;
     if bytes.len() as u64 > LONGEST_TEXT {
-        return Err(Error::input("longer than 64 MiB: this is no list of scans"));
+        return Err(Error::input("longer than 16 MiB: this is no list of scans"));
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
@@ -169,6 +224,9 @@ impl<R: Read> Source<R> {
                 Err(e) if e.kind() == IoKind::Interrupted => {}
                 Err(e) => {
                     let at = self.offset + (self.end - self.start) as u64;
+                    if e.kind() == IoKind::FileTooLarge {
+                        return Err(Error::input(e.to_string()));
+                    }
                     // The decoder's own complaints; the disk's are of other kinds.
                     if matches!(
                         e.kind(),
@@ -230,6 +288,22 @@ impl<R: Read> Source<R> {
             }
         }
         Ok(Some(self.take(n)))
+    }
+
+    /// Passes over blanks to the end of the file; the place of the first byte that is none, where there is one.
+    pub(crate) fn more_than_blanks(&mut self) -> Result<Option<u64>> {
+        loop {
+            let rest = &self.buffer[self.start..self.end];
+            let blanks = rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
+            let all = blanks == rest.len();
+            self.take(blanks);
+            if !all {
+                return Ok(Some(self.offset));
+            }
+            if !self.fill()? {
+                return Ok(None);
+            }
+        }
     }
 
     /// The next `n` bytes, fewer where the file ends before; they are handed out again.
@@ -354,6 +428,29 @@ mod tests {
         // Other files, short ones too, are as they are.
         fs::write(&path, b"x").unwrap();
         assert_eq!(open(&path).unwrap().line().unwrap(), Some(&b"x"[..]));
+    }
+
+    #[test]
+    fn a_small_file_that_unpacks_to_gigabytes_is_refused_early() {
+        use flate2::{Compression, write::GzEncoder};
+        use std::io::Write;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bomb.xyz.gz");
+        let mut encoder = GzEncoder::new(fs::File::create(&path).unwrap(), Compression::fast());
+        let points = b"0 0 0\n".repeat(1 << 16);
+        for _ in 0..1 << 9 {
+            encoder.write_all(&points).unwrap();
+        }
+        let packed = encoder.finish().unwrap().metadata().unwrap().len();
+        let mut source = open(&path).unwrap();
+        let error = loop {
+            if let Err(e) = source.line() {
+                break e;
+            }
+        };
+        assert!(error.kind() == planish_estimate::ErrorKind::Input, "{error}");
+        assert!(error.to_string().contains("would fill the memory"), "{error}");
+        assert!(source.offset() < ALWAYS_UNPACKED + 2 * MOST_EXPANSION * packed);
     }
 
     #[test]

@@ -66,7 +66,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 for (value, word) in values.iter_mut().zip(numbers) {
                     *value = parse_number(word.as_bytes()).filter(|v| v.is_finite()).ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a number, found {}",
+                            "line {line}: needed a finite number, found {}",
                             shown(word.as_bytes())
                         ))
                     })?;

@@ -32,6 +32,9 @@ pub fn read_points(path: &Path) -> Result<Scan> {
         .map_err(|e| e.in_context(path.display()))
 }
 
+/// Most columns that a header may name: no program writes a hundredth of it.
+const MOST_COLUMNS: usize = 4096;
+
 /// What stands between two numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Separator {
@@ -110,6 +113,12 @@ impl Layout {
     }
 
     fn named(names: &[String], separator: Separator) -> Result<Self> {
+        if names.len() > MOST_COLUMNS {
+            return Err(Error::input(format!(
+                "needed at most {MOST_COLUMNS} columns, found {}",
+                names.len()
+            )));
+        }
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         if let Some(twice) = (1..names.len()).find(|&k| !names[k].is_empty() && names[..k].contains(&names[k])) {
             return Err(Error::input(format!("the column `{}` is named twice", names[twice])));
@@ -193,9 +202,11 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 None if layout.tentative_normals && record.len() >= 3 => 0.0,
                 None => {
                     let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
+                    // `1,5 2,5` too: what lies between two commas is then the end of one number and the beginning of the next.
+                    let halves = layout.separator == Separator::Byte(b',') && field.iter().any(u8::is_ascii_whitespace);
                     let way_out = match parse_number(&point) {
-                        Some(_) => ": write decimals with a point",
-                        None => "",
+                        None if !halves => "",
+                        _ => ": write decimals with a point",
                     };
                     return Err(Error::input(format!(
                         "line {number}: needed a number, found {}{way_out}",
@@ -296,9 +307,16 @@ mod tests {
         assert!(message("x,y,sigma\n").contains("line 1: needed a point or a header"));
         assert!(message("x,y,z,cxx\n").contains("line 1: needed all of the columns cxx"));
         assert!(message("1,5;2,5;3,5\n").contains("found `1,5;2,5;3,5`"));
+        assert!(message("1,5 2,5 3,5\n").contains("found `5 2`: write decimals with a point"));
         assert!(message("# nothing\n\n").contains("found none in 2 lines"));
         assert!(message("hello\n").contains("line 1"));
         assert!(message("x,y,z,x\n").contains("named twice"));
+    }
+
+    #[test]
+    fn a_header_of_a_million_columns_is_refused_at_once() {
+        let names: String = (0..1_000_000).map(|k| format!(",{k}")).collect();
+        assert!(message(&format!("x,y,z{names}\n")).contains("line 1: needed at most 4096 columns, found 1000003"));
     }
 
     proptest! {

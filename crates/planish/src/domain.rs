@@ -22,6 +22,7 @@ const FAR: f64 = 1e6;
 /// `Input` for numbers out of range, with scan and point.
 pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     let mut corners = Vec::new();
+    let mut boxes = Vec::new();
     for posed in &set.scans {
         if let Some(at) = posed
             .scan
@@ -38,7 +39,9 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
         }
         let pose = &posed.scan.world_from_scanner;
         let world: Vec<[f64; 3]> = posed.scan.points.iter().map(|p| pose.apply(*p)).collect();
-        corners.extend(BoundingBox::of(&world).iter().flat_map(|b| [b.min, b.max]));
+        let bounds = BoundingBox::of(&world);
+        corners.extend(bounds.iter().flat_map(|b| [b.min, b.max]));
+        boxes.extend(bounds.map(|b| (b, posed.scan.name.as_str())));
     }
     let Some(bounds) = BoundingBox::of(&corners) else {
         return Ok(Vec::new());
@@ -68,13 +71,44 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
              coordinates first"
         )));
     }
+    let mut warnings: Vec<String> = apart(boxes).into_iter().collect();
     if away > FAR * size {
-        return Ok(vec![format!(
+        warnings.push(format!(
             "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better subtract an offset from its \
              coordinates first"
-        )]);
+        ));
     }
-    Ok(Vec::new())
+    Ok(warnings)
+}
+
+/// What to say of scans that lie farther from all others than either is large: in another frame or unit, or of another thing.
+fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
+    if boxes.is_empty() {
+        return None;
+    }
+    let (mut whole, first) = boxes.remove(0);
+    // Those near what was gathered join it, until none is.
+    loop {
+        let before = boxes.len();
+        boxes.retain(|(next, _)| {
+            let gap = (0..3)
+                .map(|d| (next.min[d] - whole.max[d]).max(whole.min[d] - next.max[d]).max(0.0))
+                .fold(0.0, f64::hypot);
+            let near = gap <= whole.diagonal().max(next.diagonal());
+            if near {
+                let corners = [whole.min, whole.max, next.min, next.max];
+                whole = BoundingBox::of(&corners).unwrap_or(whole);
+            }
+            !near
+        });
+        if boxes.len() == before {
+            break;
+        }
+    }
+    let (_, stranger) = boxes.first()?;
+    Some(format!(
+        "the scans {first} and {stranger} lie farther apart than either is large: do they share one frame and unit?"
+    ))
 }
 
 fn wrong(posed: &PosedScan, point: usize, message: String) -> Error {
@@ -167,6 +201,27 @@ mod tests {
             let e = check_domain(&set(change), "job.toml").unwrap_err();
             assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");
         }
+    }
+
+    #[test]
+    fn scans_that_lie_far_from_each_other_are_warned_of() {
+        let mut three = set(|_, _| {});
+        for (k, along) in [(1, 6.0), (2, 20.0)] {
+            let mut next = three.scans[0].clone();
+            next.scan.name = format!("{k}.ply");
+            next.scan.points.iter_mut().for_each(|p| p[0] += along);
+            three.scans.push(next);
+        }
+        let said = check_domain(&three, "job.toml").unwrap();
+        assert!(
+            said.len() == 1 && said[0].contains("a.ply and 2.ply lie farther apart"),
+            "{said:?}"
+        );
+        // What lies between joins them.
+        let mut between = three.scans[0].clone();
+        between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
+        three.scans.push(between);
+        assert!(check_domain(&three, "job.toml").unwrap().is_empty());
     }
 
     #[test]

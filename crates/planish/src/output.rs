@@ -13,7 +13,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
 use planish_exchange::{GeoReference, Unit, check_writable, extension, real_path, stl};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::path::{Path, PathBuf};
 
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
@@ -104,6 +104,7 @@ pub struct PlannedOutput {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WrittenFile {
     /// Its path as the user gave it.
+    #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     /// Its format.
     pub format: OutputFormat,
@@ -136,6 +137,11 @@ pub struct OutputOptions {
     pub cell_size: Option<f64>,
     /// The map that rasters belong to.
     pub georeference: Option<GeoReference>,
+}
+
+/// A path for programs; what is no text in it is replaced, as in every message.
+fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
 }
 
 /// Checks every output before the work begins.

@@ -208,7 +208,7 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
 /// around it, is a tube; every other is a ball. `wanted` overrides the choice. Sizes take in every point.
 ///
 /// # Errors
-/// `Undetermined` for fewer than 4 points, points at one place or on one line.
+/// `Undetermined` for fewer than 4 points, points at one place or on one line, and points in one plane where `wanted` is no sheet.
 pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Option<Shape>) -> Result<BaseShape> {
     if points.len() < 4 {
         return Err(Error::undetermined(format!(
@@ -229,6 +229,12 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
     }
     let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
     let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
+    if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
+        return Err(Error::undetermined(format!(
+            "all points lie in one plane: they determine a sheet, but no {}",
+            shape.name()
+        )));
+    }
     match shape {
         Shape::Sheet => {
             let mut normal = axes[2];

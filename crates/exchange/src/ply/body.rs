@@ -3,7 +3,7 @@
 //! Comes in: a source that stands at an element's first row. Goes out: each row as `f64` (which holds every PLY type
 //! exactly) and at most one of its lists. Nothing is reserved for a promised count; what is promised is compared with
 //! what the file can hold before the first row is read.
-//! Not guaranteed: whatever follows the last promised row is not looked at.
+//! What follows the last promised row is refused, if it is more than blanks: a count that is too small would lose measurements.
 
 use std::fmt;
 use std::io::Read;
@@ -111,6 +111,20 @@ pub(crate) fn skip_rows<R: Read>(source: &mut Source<R>, element: &Element, enco
         true => Ok(()),
         false => Err(cut_off(place, element.count)),
     }
+}
+
+/// Refuses bytes behind the last promised row.
+pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
+    let Some(byte) = source.more_than_blanks()? else {
+        return Ok(());
+    };
+    let more = source
+        .remaining()
+        .map_or("more".to_owned(), |n| format!("{n} more bytes"));
+    Err(Error::input(format!(
+        "byte {byte}: needed the end of the file, found {more}: the header promises less than the file holds; correct its counts, or cut \
+         the file there"
+    )))
 }
 
 /// A list's length as a count, where it is one.

@@ -11,6 +11,9 @@ use crate::Unit;
 use crate::numbers::NumberType;
 use crate::source::{Source, shown};
 
+/// Most elements of a file, and most properties of an element: no program writes a hundredth of it.
+const MOST_NAMES: usize = 4096;
+
 /// How the body is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Encoding {
@@ -117,6 +120,9 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 if header.element(name).is_some() {
                     return Err(wrong("a name that no other element has"));
                 }
+                if header.elements.len() == MOST_NAMES {
+                    return Err(wrong(&format!("at most {MOST_NAMES} elements")));
+                }
                 header.elements.push(Element {
                     name: name.to_owned(),
                     count,
@@ -138,6 +144,9 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 let Some(element) = header.elements.last_mut() else {
                     return Err(wrong("an `element` line before its properties"));
                 };
+                if element.properties.len() == MOST_NAMES {
+                    return Err(wrong(&format!("at most {MOST_NAMES} properties of an element")));
+                }
                 if element.properties.iter().any(|p| p.name == name) {
                     return Err(wrong("a name that no other property of the element has"));
                 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use planish_estimate::{Error, Result};
 use planish_sense::{RangeGrid, Scan, Viewing};
 
-use super::body::{Place, Row, check_count, read_rows, skip_rows};
+use super::body::{Place, Row, check_count, read_rows, refuse_more, skip_rows};
 use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
 use crate::mesh::PolygonMesh;
@@ -22,8 +22,8 @@ use crate::source::{Source, open};
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed, cut off, or states a σ or covariance that is not positive: with the file and the line (ASCII)
-/// or byte and index (binary).
+/// when it is malformed, cut off, longer than its header promises, or states a σ or covariance that is not positive: with the file and
+/// the line (ASCII) or byte and index (binary).
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
@@ -152,6 +152,7 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
             _ => skip_rows(source, element, header.encoding)?,
         }
     }
+    refuse_more(source)?;
     let (mut scan, dropped) = collector.finish(name);
     if let Some(grid) = &mut grid
         && !dropped.is_empty()
@@ -267,5 +268,6 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
             _ => skip_rows(source, element, header.encoding)?,
         }
     }
+    refuse_more(source)?;
     Ok(mesh)
 }

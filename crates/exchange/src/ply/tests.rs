@@ -209,6 +209,36 @@ fn a_file_cut_off_says_where_and_how_much_is_missing() {
 }
 
 #[test]
+fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
+    let more = ascii(
+        "element vertex 1\nproperty float x\nproperty float y\nproperty float z",
+        "0 0 0\n",
+    );
+    let at = more.len();
+    for (end, bytes) in [("\n \r\n", None), ("1 0 0\n", Some(6)), ("\n\nx", Some(1))] {
+        let bytes_left = bytes;
+        let file = [&more[..], end.as_bytes()].concat();
+        match bytes_left {
+            None => assert_eq!(scan(&file).unwrap().points.len(), 1),
+            Some(left) => {
+                let place = at + end.len() - left;
+                let words = format!("byte {place}: needed the end of the file, found {left} more bytes");
+                assert!(scan_message(&file).contains(&words), "{}", scan_message(&file));
+                assert!(mesh_message(&file).contains(&words));
+            }
+        }
+    }
+}
+
+#[test]
+fn headers_of_a_million_names_are_refused_at_once() {
+    let properties: String = (0..1_000_000).map(|k| format!("property float p{k}\n")).collect();
+    let elements: String = (0..1_000_000).map(|k| format!("element e{k} 0\n")).collect();
+    assert!(scan_message(&ascii(&format!("element vertex 1\n{properties}"), "")).contains("at most 4096 properties"));
+    assert!(scan_message(&ascii(&elements, "")).contains("at most 4096 elements"));
+}
+
+#[test]
 fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
     for count in ["1000000000", "18446744073709551615"] {
         for format in ["ascii", "binary_little_endian"] {

@@ -153,7 +153,7 @@ impl Observations {
         let found: usize = scans.iter().map(|s| s.points.len()).sum();
         if found < LEAST_POINTS {
             return Err(Error::undetermined(format!(
-                "{found} points in all: at least {LEAST_POINTS} that are not on one line are needed"
+                "needed at least {LEAST_POINTS} points that are not on one line, found {found} in all"
             )));
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
@@ -249,12 +249,10 @@ impl Observations {
             let repeated = made.rejected.get(&Rejection::Duplicate).copied().unwrap_or(0);
             return Err(Error::undetermined(if repeated > 0 {
                 format!(
-                    "of {total} readings {repeated} repeat the coordinates of another: only {left} are left, at least {LEAST_POINTS} are needed"
+                    "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at least {LEAST_POINTS} are needed"
                 )
             } else {
-                format!(
-                    "of {total} readings only {left} are left after the scans' own checks: at least {LEAST_POINTS} are needed"
-                )
+                format!("of {total} readings the scans' own checks leave {left}: at least {LEAST_POINTS} are needed")
             }));
         }
         if let Some(ground) = &options.ground {

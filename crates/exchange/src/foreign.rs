@@ -1,0 +1,56 @@
+//! Decoders of other people, which may panic on damaged files.
+//!
+//! Comes in: a call of such a decoder. Goes out: what it gives, or an error that blames the file.
+//! Not guaranteed: anything about memory. A decoder that asks for too much ends the program, so sizes are checked before it is called.
+
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Once;
+
+use planish_estimate::{Error, Result};
+
+thread_local! {
+    /// Whether a decoder is at work on this thread.
+    static DECODING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Calls a decoder; nothing is printed where it panics.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) where it panicked. What it worked on is then in no known state: drop it.
+pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
+    static SILENT: Once = Once::new();
+    SILENT.call_once(|| {
+        let usual = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !DECODING.try_with(Cell::get).unwrap_or(false) {
+                usual(info);
+            }
+        }));
+    });
+    DECODING.set(true);
+    let decoded = panic::catch_unwind(AssertUnwindSafe(decode));
+    DECODING.set(false);
+    decoded.map_err(|panic| {
+        let said = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied());
+        let said = said.and_then(|text| text.lines().next()).unwrap_or("no words");
+        Error::input(format!("the file is damaged: its decoder gave up ({said})"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_that_panics_is_an_error_of_the_file() {
+        assert_eq!(guarded(|| 7).unwrap(), 7);
+        let none: Option<u8> = None;
+        let e = guarded(|| none.expect("a table of chunks")).unwrap_err();
+        assert_eq!(e.kind(), planish_estimate::ErrorKind::Input);
+        assert!(e.to_string().contains("gave up (a table of chunks)"), "{e}");
+    }
+}

@@ -1,0 +1,327 @@
+//! The table of what is fed with damaged files: one line a reader.
+//!
+//! Comes in: a damaged file. Goes out: whether the reader took it or refused it; what is written of it must read as the same again.
+//! A new reader: a line of [`TARGETS`], a function in [`crate::valid`], and the words of its header.
+
+use crate::valid;
+use planish::info::info;
+use planish::saved::{load_with_provenance, save};
+use planish_estimate::Result;
+use planish_exchange::ply::{
+    Column, MeshColumns, PolygonMesh, read_contents, read_mesh, read_scan, write_mesh, write_scan,
+};
+use planish_exchange::read_inputs;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use std::path::Path;
+
+/// A reader and what it is fed with.
+pub struct Target {
+    /// What it is called on the command line and in the log.
+    pub name: &'static str,
+    /// Name of the file that it reads: the extension decides.
+    pub file: &'static str,
+    /// Valid files.
+    pub valid: fn() -> Result<Vec<Vec<u8>>>,
+    /// Words of the format.
+    pub words: &'static [&'static str],
+    /// What is done to damaged bytes, so that the damage gets past lengths and checksums.
+    pub mend: fn(&mut Vec<u8>, &mut ChaCha8Rng),
+    /// Reads the file; writes what it read, and reads that, where the format is also written.
+    pub read: fn(&Path) -> Result<()>,
+}
+
+/// Every reader.
+#[rustfmt::skip]
+pub const TARGETS: &[Target] = &[
+    Target { name: "ply-scan", file: "a.ply",     valid: valid::ply_scans,  words: PLY,  mend: as_it_is,   read: scan_and_back },
+    Target { name: "ply-mesh", file: "a.ply",     valid: valid::ply_meshes, words: PLY,  mend: as_it_is,   read: mesh_and_back },
+    Target { name: "xyz",      file: "a.xyz",     valid: valid::texts,      words: TEXT, mend: as_it_is,   read: scans },
+    Target { name: "csv",      file: "a.csv",     valid: valid::texts,      words: TEXT, mend: as_it_is,   read: scans },
+    Target { name: "pts",      file: "a.pts",     valid: valid::texts,      words: TEXT, mend: as_it_is,   read: scans },
+    Target { name: "pcd",      file: "a.pcd",     valid: valid::pcds,       words: PCD,  mend: as_it_is,   read: scans },
+    Target { name: "las",      file: "a.las",     valid: valid::las,        words: &[],  mend: as_it_is,   read: scans },
+    Target { name: "laz",      file: "a.laz",     valid: valid::laz,        words: &[],  mend: as_it_is,   read: scans },
+    Target { name: "gzip",     file: "a.ply.gz",  valid: valid::ply_scans,  words: PLY,  mend: gzip,       read: scans },
+    Target { name: "conf",     file: "a.conf",    valid: valid::lists,      words: LIST, mend: as_it_is,   read: scans },
+    Target { name: "job",      file: "a.toml",    valid: valid::jobs,       words: JOB,  mend: as_it_is,   read: scans },
+    Target { name: "planish",  file: "a.planish", valid: valid::models,     words: JSON, mend: safetensors, read: model_and_back },
+];
+
+const PLY: &[&str] = &[
+    "ply",
+    "format",
+    "ascii",
+    "binary_little_endian",
+    "binary_big_endian",
+    "1.0",
+    "element",
+    "vertex",
+    "face",
+    "range_grid",
+    "property",
+    "list",
+    "uchar",
+    "int",
+    "uint",
+    "short",
+    "float",
+    "double",
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "sigma",
+    "sigma_n_deg",
+    "cxx",
+    "cxy",
+    "cxz",
+    "cyy",
+    "cyz",
+    "czz",
+    "vertex_indices",
+    "vertex_index",
+    "comment",
+    "unit",
+    "mm",
+    "obj_info",
+    "num_cols",
+    "num_rows",
+    "end_header\n",
+    "\n",
+    "\r\n",
+];
+const TEXT: &[&str] = &[
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "sigma",
+    "sigma_n_deg",
+    "cxx",
+    "cxy",
+    "cxz",
+    "cyy",
+    "cyz",
+    "czz",
+    "#",
+    "//",
+    ",",
+    ";",
+    "\t",
+    "\"",
+    "\u{feff}",
+    "\r\n",
+    "1.#QNAN",
+    "-nan(ind)",
+    "é",
+    "\0",
+];
+const PCD: &[&str] = &[
+    "VERSION",
+    "FIELDS",
+    "COLUMNS",
+    "SIZE",
+    "TYPE",
+    "COUNT",
+    "WIDTH",
+    "HEIGHT",
+    "VIEWPOINT",
+    "POINTS",
+    "DATA",
+    "ascii",
+    "binary",
+    "binary_compressed",
+    "x",
+    "y",
+    "z",
+    "normal_x",
+    "nx",
+    "sigma",
+    "F",
+    "U",
+    "I",
+    "1",
+    "2",
+    "4",
+    "8",
+    "_",
+    "\n",
+];
+const LIST: &[&str] = &[
+    "bmesh",
+    "camera",
+    "#",
+    "good.xyz",
+    "a.conf",
+    "a scan.xyz",
+    "..",
+    "/",
+    "/dev/zero",
+    "\r\n",
+    "\0",
+];
+const JOB: &[&str] = &[
+    "unit",
+    "\"mm\"",
+    "[[scan]]",
+    "[sensor.a]",
+    "kind",
+    "\"range\"",
+    "\"touch\"",
+    "\"normal\"",
+    "sigma",
+    "sigma_along",
+    "sigma_across",
+    "sensor",
+    "file",
+    "\"good.xyz\"",
+    "\"a.toml\"",
+    "pose",
+    "translation",
+    "quaternion_xyzw",
+    "viewpoint",
+    "direction",
+    "[[[[[[[[[[[[[[[[",
+    "{",
+    "}",
+    "=",
+    "'''",
+    "\"\"\"",
+    "1979-05-27",
+    "\\u0000",
+    "\n",
+];
+const JSON: &[&str] = &[
+    "\"dtype\"",
+    "\"shape\"",
+    "\"data_offsets\"",
+    "\"F64\"",
+    "\"U32\"",
+    "\"U8\"",
+    "\"BF16\"",
+    "null",
+    "true",
+    "[]",
+    "{}",
+    "[[[[[[[[",
+    "sheet",
+    "tube",
+    "ball",
+    "torus",
+    "__metadata__",
+    "knots_u",
+    "cells",
+    "1e999",
+    "\\\"",
+    "schema",
+];
+
+fn as_it_is(_: &mut Vec<u8>, _: &mut ChaCha8Rng) {}
+
+/// Packs; every other time the packed bytes are damaged too.
+fn gzip(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    *bytes = valid::packed(bytes);
+    if random.random() {
+        for _ in 0..random.random_range(1..4) {
+            let at = random.random_range(0..bytes.len());
+            match random.random_range(0..3) {
+                0 => bytes[at] = random.random(),
+                1 => bytes.truncate(at.max(1)),
+                _ => drop(bytes.drain(at..bytes.len().min(at + 4))),
+            }
+            if bytes.is_empty() {
+                return;
+            }
+        }
+    }
+}
+
+/// Makes the length before the header that of the JSON object that follows, every other time.
+fn safetensors(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if bytes.len() < 8 || random.random() {
+        return;
+    }
+    // Tensors begin after the header's last brace; numbers may look like one.
+    let near = bytes.len().min(8192);
+    if let Some(end) = bytes[8..near].windows(2).rposition(|pair| pair == b"}}") {
+        let length = (end + 2) as u64;
+        bytes[..8].copy_from_slice(&length.to_le_bytes());
+    }
+}
+
+fn scans(path: &Path) -> Result<()> {
+    read_inputs(&[path], None).map(drop)
+}
+
+/// A name beside a file.
+fn beside(path: &Path, name: &str) -> std::path::PathBuf {
+    path.with_file_name(name)
+}
+
+fn bytes_of(path: &Path) -> Vec<u8> {
+    std::fs::read(path).unwrap_or_default()
+}
+
+fn scan_and_back(path: &Path) -> Result<()> {
+    scans(path)?;
+    let contents = read_contents(path)?;
+    let (first, second) = (beside(path, "first.ply"), beside(path, "second.ply"));
+    write_scan(&first, &read_scan(path)?, contents.unit)?;
+    write_scan(&second, &read_scan(&first)?, read_contents(&first)?.unit)?;
+    assert!(
+        bytes_of(&first) == bytes_of(&second),
+        "a scan that was written reads as another"
+    );
+    Ok(())
+}
+
+fn mesh_and_back(path: &Path) -> Result<()> {
+    let mesh = read_mesh(path)?;
+    // What a mesh is asked by everyone who uses it.
+    let described = info(path, None);
+    let (first, second) = (beside(path, "first.ply"), beside(path, "second.ply"));
+    // Names that are not one plain word are read and not written.
+    if write(&mesh, &first).is_ok() {
+        write(&read_mesh(&first)?, &second)?;
+        assert!(
+            bytes_of(&first) == bytes_of(&second),
+            "a mesh that was written reads as another"
+        );
+    }
+    described.map(drop)
+}
+
+fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {
+    write_mesh(
+        path,
+        &MeshColumns {
+            points: &mesh.points,
+            columns: mesh
+                .columns
+                .iter()
+                .map(|(name, column)| (name.as_str(), Column::F64(column)))
+                .collect(),
+            triangles: &mesh.triangles,
+            unit: mesh.unit,
+            ..MeshColumns::default()
+        },
+    )
+}
+
+fn model_and_back(path: &Path) -> Result<()> {
+    let saved = load_with_provenance(path)?;
+    let (first, second) = (beside(path, "first.planish"), beside(path, "second.planish"));
+    save(&saved.model, &saved.provenance, &first)?;
+    let again = load_with_provenance(&first)?;
+    save(&again.model, &again.provenance, &second)?;
+    assert!(
+        bytes_of(&first) == bytes_of(&second),
+        "a model that was written reads as another"
+    );
+    Ok(())
+}

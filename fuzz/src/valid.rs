@@ -1,0 +1,281 @@
+//! Valid files of every format, small: what the damage begins with.
+//!
+//! Comes in: nothing. Goes out: bytes, from our own writers where there is one, else written by hand.
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use las::point::{Classification, Format};
+use planish::fit::{FitOptions, fit};
+use planish::progress::Silent;
+use planish::saved::save;
+use planish_estimate::{Error, Result};
+use planish_exchange::ply::{Column, MeshColumns, write_mesh, write_scan};
+use planish_exchange::{Unit, read_inputs};
+use planish_sense::{RangeGrid, Scan};
+use std::fmt::Write as _;
+use std::io::{Cursor, Write as _};
+use std::path::Path;
+
+/// A wave over a square.
+fn points(side: u32) -> Vec<[f64; 3]> {
+    let height = |x: f64, y: f64| 0.1 * (7.0 * x * x + 3.0 * y).sin();
+    (0..side * side)
+        .map(|k| [k % side, k / side].map(|c| f64::from(c) / f64::from(side - 1)))
+        .map(|[x, y]| [x, y, height(x, y)])
+        .collect()
+}
+
+/// What a writer of files puts into one.
+fn written(write: impl FnOnce(&Path) -> Result<()>, name: &str) -> Result<Vec<u8>> {
+    let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
+    let path = folder.path().join(name);
+    write(&path)?;
+    std::fs::read(&path).map_err(|e| Error::io("no file").with_source(e))
+}
+
+/// Scans with σ, covariances, normals and grids, in all three encodings.
+pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
+    let points = points(4);
+    let count = points.len();
+    let full = Scan {
+        covariance: Some(vec![[0.4, 0.1, 0.0, 0.5, 0.0, 0.6]; count]),
+        normals: Some(vec![[0.0, 0.6, 0.8]; count]),
+        sigma_normal_deg: Some(vec![2.0; count]),
+        grid: Some(RangeGrid {
+            columns: 4,
+            rows: 5,
+            cells: (0..20).map(|k| if k < 16 { k } else { RangeGrid::EMPTY }).collect(),
+        }),
+        points: points.clone(),
+        ..Scan::default()
+    };
+    let plain = Scan {
+        sigma: Some(vec![0.1; count]),
+        points,
+        ..Scan::default()
+    };
+    let text = "ply\nformat ascii 1.0\ncomment unit mm\nobj_info num_cols 2\nobj_info num_rows 2\nobj_info is_cyberware_data 1\n\
+                element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float sigma\nelement other 1\n\
+                property list uchar short list\nelement range_grid 4\nproperty list uchar int vertex_indices\nend_header\n\
+                0 0 0.5 0.1\n1 0 nan 0.2\n0 1 0.25 0.1\n2 -7 8\n1 0\n1 1\n0\n1 2\n";
+    let mut big = b"ply\r\nformat binary_big_endian 1.0\r\nelement vertex 2\r\nproperty float x\r\nproperty double y\r\nproperty int z\r\n\
+                    property uchar red\r\nend_header\r\n"
+        .to_vec();
+    for k in 0..2_u8 {
+        big.extend(f32::from(k).to_be_bytes());
+        big.extend(0.5_f64.to_be_bytes());
+        big.extend(i32::from(k).to_be_bytes());
+        big.push(k);
+    }
+    Ok(vec![
+        written(|path| write_scan(path, &full, Some(Unit::Inch)), "a.ply")?,
+        written(|path| write_scan(path, &plain, None), "a.ply")?,
+        text.as_bytes().to_vec(),
+        big,
+    ])
+}
+
+/// Meshes of triangles and polygons.
+pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
+    let points = points(3);
+    let normals = vec![[0.0, 0.0, 1.0]; 9];
+    let mesh = MeshColumns {
+        points: &points,
+        normals: Some(&normals),
+        columns: vec![
+            ("sigma", Column::F64(&[0.1; 9])),
+            ("observed", Column::U8(&[1, 1, 0, 2, 1, 1, 1, 1, 1])),
+        ],
+        triangles: &[[0, 1, 3], [1, 4, 3], [1, 2, 4], [4, 2, 5], [3, 4, 6]],
+        unit: Some(Unit::Metre),
+    };
+    let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty float quality\n\
+                element face 2\nproperty list uchar int vertex_index\nproperty uchar flags\nend_header\n\
+                0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 nan\n0 0 1 5\n4 0 1 2 3 0\n3 0 4 1 7\n";
+    Ok(vec![
+        written(|path| write_mesh(path, &mesh), "a.ply")?,
+        text.as_bytes().to_vec(),
+    ])
+}
+
+/// Plain points: columns with and without names.
+pub fn texts() -> Result<Vec<Vec<u8>>> {
+    let plain = points(4).iter().fold(String::new(), |mut text, [x, y, z]| {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{x} {y} {z}");
+        text
+    });
+    let texts = [
+        plain.as_str(),
+        "3\n0 0 0 17 255 0 0\n1 0 0 17 255 0 0\n0 1 0 17 255 0 0\n",
+        "0 0 0 0 0 1\n1 0 0 0.6 0 0.8\n0 1 0 0 0 1\n",
+        "# x y z cxx cxy cxz cyy cyz czz\n1 2 3 4 0 0 5 0 6\n1 2 4 4 0 0 5 0 6\n",
+        "\u{feff}\"x\",\"y\",\"z\",\"sigma\",\"nx\",\"ny\",\"nz\",\"sigma_n_deg\"\r\n\"1\",2,3,0.5,0,0,1,2\r\n1,2,,0.5,0,0,1,2\r\n",
+        "x;y;z\n1;2;3\n4;5;1.#QNAN\n",
+        "// made by hand\n1\t2\t3\n\n4\t5\t-6e-3\n",
+    ];
+    Ok(texts.map(|text| text.as_bytes().to_vec()).to_vec())
+}
+
+/// Organised and plain clouds in the three encodings.
+pub fn pcds() -> Result<Vec<Vec<u8>>> {
+    let head = |data: &str| {
+        format!(
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z sigma extra\nSIZE 8 8 8 4 4 4 4 2\nTYPE F F F F F F F U\n\
+             COUNT 1 1 1 1 1 1 1 3\nWIDTH 3\nHEIGHT 3\nVIEWPOINT 0 0 5 1 0 0 0\nPOINTS 9\nDATA {data}\n"
+        )
+        .into_bytes()
+    };
+    let records: Vec<Vec<Vec<u8>>> = points(3)
+        .iter()
+        .map(|point| {
+            let mut fields: Vec<Vec<u8>> = point.iter().map(|c| c.to_le_bytes().to_vec()).collect();
+            fields.extend([0.0_f32, 0.0, 1.0, 0.1].map(|n| n.to_le_bytes().to_vec()));
+            fields.push(vec![1, 0, 2, 0, 3, 0]);
+            fields
+        })
+        .collect();
+    let binary: Vec<u8> = records.iter().flatten().flatten().copied().collect();
+    let columns: Vec<u8> = (0..8)
+        .flat_map(|field| records.iter().flat_map(move |r| r[field].clone()))
+        .collect();
+    let mut compressed = Vec::new();
+    for (k, run) in columns.chunks(32).enumerate() {
+        // Copies among the runs: the whole of the run before, which is as long.
+        if k > 0 && run.len() == 32 && run == &columns[32 * (k - 1)..32 * k] {
+            compressed.extend([0b1110_0000, 23, 31]);
+        } else {
+            compressed.push(run.len() as u8 - 1);
+            compressed.extend_from_slice(run);
+        }
+    }
+    let sizes = [compressed.len() as u32, columns.len() as u32]
+        .map(u32::to_le_bytes)
+        .concat();
+    let text: String = points(3)
+        .iter()
+        .map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 0.1 1 2 3\n"))
+        .collect();
+    let plain = b"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3 4.2e+06\nnan nan nan 0\n";
+    Ok(vec![
+        [head("binary"), binary].concat(),
+        [head("binary_compressed"), sizes, compressed].concat(),
+        [head("ascii"), text.into_bytes()].concat(),
+        plain.to_vec(),
+    ])
+}
+
+/// LAS of old and new point formats.
+pub fn las() -> Result<Vec<Vec<u8>>> {
+    [(2, 1), (2, 3), (4, 6), (4, 8)]
+        .into_iter()
+        .map(|(minor, format)| lidar(minor, format, false))
+        .collect()
+}
+
+/// The same, compressed point by point and in layers.
+pub fn laz() -> Result<Vec<Vec<u8>>> {
+    [(2, 1), (2, 3), (4, 6), (4, 7)]
+        .into_iter()
+        .map(|(minor, format)| lidar(minor, format, true))
+        .collect()
+}
+
+fn lidar(minor: u8, format: u8, compressed: bool) -> Result<Vec<u8>> {
+    let failed = |e: las::Error| Error::io("no lidar").with_source(e);
+    let mut builder = las::Builder::from((1, minor));
+    builder.point_format = Format::new(format).map_err(failed)?;
+    builder.point_format.extra_bytes = u16::from(format == 3 || format == 7);
+    builder.point_format.is_compressed = compressed;
+    let point_format = builder.point_format;
+    let header = builder.into_header().map_err(failed)?;
+    let mut writer = las::Writer::new(Cursor::new(Vec::new()), header).map_err(failed)?;
+    for (k, [x, y, z]) in points(5).into_iter().enumerate() {
+        let point = las::Point {
+            x,
+            y,
+            z,
+            classification: if k % 3 == 0 {
+                Classification::Ground
+            } else {
+                Classification::Unclassified
+            },
+            is_withheld: k == 7,
+            gps_time: point_format.has_gps_time.then_some(k as f64),
+            color: point_format.has_color.then(|| las::Color::new(1, 2, k as u16)),
+            nir: point_format.has_nir.then_some(9),
+            extra_bytes: vec![k as u8; usize::from(point_format.extra_bytes)],
+            ..las::Point::default()
+        };
+        writer.write_point(point).map_err(failed)?;
+    }
+    Ok(writer.into_inner().map_err(failed)?.into_inner())
+}
+
+/// Lists of scans as VRIP writes them; `good.xyz` lies beside them.
+pub fn lists() -> Result<Vec<Vec<u8>>> {
+    Ok(vec![
+        b"camera 0 0 0 0 0 0 1\n# by hand\nbmesh good.xyz 1 2 -3e-2 0 0 0.70710678 0.70710678\n".to_vec(),
+        b"bmesh good.xyz 0 0 0 0 0 0 1\r\nbmesh ./a scan.xyz 0 0 0 1 0 0 0\r\n".to_vec(),
+    ])
+}
+
+/// Jobs; `good.xyz` lies beside them.
+pub fn jobs() -> Result<Vec<Vec<u8>>> {
+    let job = "unit = \"mm\"\n[sensor.laser]\nkind = \"range\"\nsigma_along = 0.05\nsigma_across = 0.02\n[sensor.probe]\nkind = \"touch\"\n\
+               sigma = 0.004\n[[scan]]\nsensor = \"laser\"\nfile = \"good.xyz\"\npose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, \
+               0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }\nviewpoint = [0, 0, 300]\n[[scan]]\nsensor = \
+               \"probe\"\nfile = \"a scan.xyz\"\ndirection = [0, 0, -1]\n";
+    Ok(vec![
+        job.as_bytes().to_vec(),
+        b"[[scan]]\nfile = \"good.xyz\"\n".to_vec(),
+    ])
+}
+
+/// Models of a sheet and a ball.
+pub fn models() -> Result<Vec<Vec<u8>>> {
+    use planish::Shape;
+    [Shape::Sheet, Shape::Ball].into_iter().map(model).collect()
+}
+
+fn model(shape: planish::Shape) -> Result<Vec<u8>> {
+    let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
+    let (scan, model) = (folder.path().join("a.ply"), folder.path().join("a.planish"));
+    let round = |[u, v, _]: [f64; 3]| {
+        let (longitude, z) = (std::f64::consts::TAU * u, 2.0 * v - 1.0);
+        let radius = (1.0 - z * z).max(0.0).sqrt();
+        [radius * longitude.cos(), radius * longitude.sin(), z]
+    };
+    let points = match shape {
+        planish::Shape::Sheet => points(6),
+        _ => points(9).into_iter().map(round).collect(),
+    };
+    write_scan(
+        &scan,
+        &Scan {
+            points,
+            ..Scan::default()
+        },
+        Some(Unit::Millimetre),
+    )?;
+    let options = FitOptions {
+        shape: Some(shape),
+        max_coefficients: 64,
+        ..FitOptions::default()
+    };
+    // Without the sessions, which name the folder.
+    save(
+        &fit(&read_inputs(&[scan], None)?, &options, &Silent)?.model,
+        &[],
+        &model,
+    )?;
+    std::fs::read(&model).map_err(|e| Error::io("no model").with_source(e))
+}
+
+/// What gzip makes of bytes.
+pub fn packed(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    // Neither fails in memory.
+    let _ = encoder.write_all(bytes);
+    encoder.finish().unwrap_or_default()
+}
