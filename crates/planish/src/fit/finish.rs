@@ -5,6 +5,7 @@
 
 use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
 use super::noise::{SensorNoise, kept_variance};
+use super::large::{Absorbed, Used};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
@@ -16,13 +17,14 @@ use planish_spline::{FootPointSearch, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Makes the model and reports; `earlier` is the model that the scans add to.
+/// Makes the model and reports; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
 pub(super) fn finish(
     set: &ScanSet,
     observations: &Observations,
     settled: Settled,
     options: &FitOptions,
     earlier: Option<&SurfaceModel>,
+    absorbed: Option<Absorbed>,
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let Settled {
@@ -40,8 +42,13 @@ pub(super) fn finish(
     progress.check("information", 0.9)?;
     let information = weights(observations, &subset, &feet, &noise, options.gate, false);
     let mut data = accumulate(&system, &surface, &feet, &information)?;
+    // Degrees of freedom are shared out by what the readings at hand determine of the whole.
+    let own = absorbed.as_ref().map(|_| data.clone());
     if let Some(model) = earlier {
         data.add_scaled(&model.data, 1.0)?;
+    }
+    if let Some(absorbed) = &absorbed {
+        data.add_scaled(&absorbed.data, 1.0)?;
     }
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
@@ -60,7 +67,7 @@ pub(super) fn finish(
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     let surface = &model.surface;
     let degrees = if observations.stated.len() == 1 && earlier.is_none() {
-        vec![covariance.trace_with(&model.data, &system)?]
+        vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
         let sensors = FootSensors::new(observations, &subset);
         degrees_of_sensors(&posterior, &sensors, &feet, &information)?
@@ -73,6 +80,11 @@ pub(super) fn finish(
     if let Some(model) = earlier {
         for (now, before) in observed.iter_mut().zip(&model.observed) {
             *now |= before;
+        }
+    }
+    if let Some(absorbed) = &absorbed {
+        for (now, other) in observed.iter_mut().zip(&absorbed.observed) {
+            *now |= other;
         }
     }
     let mut rejected: std::collections::BTreeMap<String, usize> = observations
@@ -88,6 +100,9 @@ pub(super) fn finish(
             FootState::Good if w == 0.0 => reject(Rejection::Outlier),
             FootState::Good => {}
         }
+    }
+    for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
+        *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
     let held_out = judge(&posterior, observations, &noise, &mut at, options.gate)?;
     if !observed.contains(&true) {
@@ -105,12 +120,19 @@ pub(super) fn finish(
         .zip(information.iter().copied())
         .filter(|(_, w)| *w > 0.0)
         .collect();
-    let n = used.len().max(1) as f64;
-    let chi2: f64 = used.iter().map(|(foot, w)| w * foot.height * foot.height).sum();
-    let square: f64 = used.iter().map(|(foot, _)| foot.height * foot.height).sum();
+    let others = absorbed.as_ref().map_or(&[][..], |absorbed| &absorbed.used);
+    let count = used.len() + others.iter().map(|o| o.count).sum::<usize>();
+    let n = count.max(1) as f64;
+    let chi2: f64 = used.iter().map(|(foot, w)| w * foot.height * foot.height).sum::<f64>()
+        + others.iter().map(|o| o.weighted).sum::<f64>();
+    let square: f64 = used.iter().map(|(foot, _)| foot.height * foot.height).sum::<f64>()
+        + others.iter().map(|o| o.square).sum::<f64>();
     let kept = kept_variance(options.gate)?;
-    let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information);
-    let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, observations.total);
+    // All that the readings determine: the share of those at hand, and of the others in proportion.
+    let determined = degrees.iter().sum::<f64>() * n / used.len().max(1) as f64;
+    let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information, others);
+    let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
+    let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, total);
     if reached_limit {
         warnings.push(format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
@@ -119,7 +141,7 @@ pub(super) fn finish(
     }
     let poses = pose_reports(set);
     let report = FitReport {
-        observations: used.len(),
+        observations: count,
         rejected,
         shape: surface.space().shape().name().to_owned(),
         coefficients: surface.space().node_count(),
@@ -127,7 +149,7 @@ pub(super) fn finish(
         cells: surface.space().leaves().len(),
         rms: (square / n).sqrt(),
         rms_normalised: (chi2 / n).sqrt(),
-        reduced_chi_square: chi2 / (n * kept - degrees.iter().sum::<f64>()).max(1.0),
+        reduced_chi_square: chi2 / (n * kept - determined).max(1.0),
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
@@ -146,7 +168,7 @@ pub(super) fn finish(
     model.observed = observed;
     model.sensors = sensors;
     model.poses.extend(poses);
-    model.observations += used.len();
+    model.observations += count;
     progress.advance("done", 1.0);
     Ok(Fit {
         model,
@@ -312,13 +334,14 @@ fn sensor_reports(
     subset: &[u32],
     feet: &[Foot],
     information: &[f64],
+    others: &[Used],
 ) -> Vec<SensorReport> {
     set.sensors
         .iter()
         .enumerate()
         .filter(|(s, _)| observations.sensor_of_scan.contains(s))
         .map(|(s, sensor)| {
-            let (mut count, mut square, mut stated) = (0_usize, 0.0, 0.0);
+            let (mut count, mut square, mut stated) = others.get(s).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
             for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
                 if w > 0.0 && observations.sensor(i as usize) == s {
                     count += 1;

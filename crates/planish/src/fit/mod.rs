@@ -5,6 +5,7 @@ mod finish;
 mod growth;
 mod indicator;
 mod known;
+mod large;
 mod noise;
 mod observations;
 mod smoothing;
@@ -14,7 +15,8 @@ pub use crate::model::SigmaSummary;
 pub use observations::{ObservationOptions, Observations, Rejection};
 
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
-use crate::progress::Progress;
+use crate::progress::{Part, Progress};
+use large::Parts;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
@@ -180,15 +182,33 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     if let Some(cells) = options.known_parameters {
         return known::fit_known(set, cells, options, progress);
     }
-    let mut observations = observe(set, options)?;
-    let origin = observations.recentre();
-    progress.check("normals", 0.01)?;
+    let ground = options.ground.map(|width| ground_options(set.unit, width));
     let sheet = FitOptions {
         shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
         ..options.clone()
     };
-    let settled = stages::settle(&observations, &sheet, progress)?;
-    finish::finish(set, &observations, settled, options, None, progress)?.translated(origin)
+    let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
+        let mut observations = observe(set, options)?;
+        let origin = observations.recentre();
+        progress.check("normals", 0.01)?;
+        let settled = stages::settle(&observations, &sheet, progress)?;
+        return finish::finish(set, &observations, settled, options, None, None, progress)?.translated(origin);
+    };
+    progress.check("dealing out", 0.01)?;
+    let mut observations = {
+        let first = parts.part(0);
+        let is_told = FitOptions {
+            ground: None,
+            ..sheet.clone()
+        };
+        observe(&first, &is_told)?
+    };
+    observations.ground = options.ground.is_some();
+    let origin = observations.recentre();
+    progress.check("normals", 0.02)?;
+    let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
+    let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
+    finish::finish(set, &observations, settled, options, None, Some(absorbed), progress)?.translated(origin)
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -204,19 +224,19 @@ fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
 fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
     let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
     let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    Observations::new(
-        &scans,
-        &sensor_of_scan,
-        &set.sensors,
-        &ObservationOptions {
-            held_out_share: options.held_out_share,
-            seed: options.seed,
-            checks: options.checks,
-            // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
-            sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
-            ground: options.ground.map(|width| ground_options(set.unit, width)),
-        },
-    )
+    Observations::new(&scans, &sensor_of_scan, &set.sensors, &observation_options(set, options))
+}
+
+fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOptions {
+    ObservationOptions {
+        held_out_share: options.held_out_share,
+        seed: options.seed,
+        checks: options.checks,
+        // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
+        sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
+        as_they_are: false,
+        ground: options.ground.map(|width| ground_options(set.unit, width)),
+    }
 }
 
 /// Adds the scans of another day to a model: its hierarchy stays, information adds, the prior counts once.
@@ -250,5 +270,5 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
     let settled = finish::place(model, &observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), progress)?.translated(origin)
+    finish::finish(set, &observations, settled, options, Some(model), None, progress)?.translated(origin)
 }

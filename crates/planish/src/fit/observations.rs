@@ -117,6 +117,8 @@ pub struct ObservationOptions {
     pub checks: ScanChecks,
     /// Whether a sheet is wanted: of points that are classified the ground alone, and of every point whose side is not known the upper.
     pub sheet: bool,
+    /// Whether readings are taken as they are: without normals but those that a file states, and without the checks that neighbours make.
+    pub as_they_are: bool,
     /// How the ground is told from what stands on it, where only the ground is wanted and a scan has no classes that tell it.
     pub ground: Option<GroundOptions>,
 }
@@ -164,7 +166,8 @@ impl Observations {
         let geometries = scans
             .par_iter()
             .map(|scan| {
-                if scan.points.len() < 3
+                if options.as_they_are
+                    || scan.points.len() < 3
                     || (scan.grid.is_none() && scan.normals.is_none() && scan.viewing == Viewing::Unknown)
                 {
                     Ok(None)
@@ -202,7 +205,9 @@ impl Observations {
                     *made.rejected.entry(cause).or_insert(0) += 1;
                     continue;
                 }
-                let normal = geometry.as_ref().map_or([0.0; 3], |g| g.normals[i]);
+                let stated = || scan.normals.as_ref().filter(|_| options.as_they_are).map(|all| all[i]);
+                let normal = geometry.as_ref().map(|g| g.normals[i]).or_else(stated);
+                let normal = normal.unwrap_or([0.0; 3]);
                 made.points.push(scan.world_from_scanner.apply(scan.points[i]));
                 made.normals
                     .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
@@ -257,6 +262,9 @@ impl Observations {
         }
         if let Some(ground) = &options.ground {
             made.keep_ground(scans, ground)?;
+        }
+        if options.as_they_are {
+            return Ok(made);
         }
         made.complete_normals(options.checks.neighbours)?;
         if options.sheet {
@@ -408,6 +416,15 @@ impl Observations {
         // A multiple of a power of two of about the size: differences to it are exact.
         let step = size.log2().ceil().exp2();
         let origin = center.map(|c| (c / step).round() * step);
+        self.move_origin(origin);
+        origin
+    }
+
+    /// Moves the origin to a point.
+    pub(super) fn move_origin(&mut self, origin: [f64; 3]) {
+        if origin == [0.0; 3] {
+            return;
+        }
         for p in &mut self.points {
             *p = sub(*p, origin);
         }
@@ -420,7 +437,6 @@ impl Observations {
                 *from = sub(*from, origin);
             }
         }
-        origin
     }
 
     /// Finds [`Self::roughness`] and [`Self::least_variance`].
@@ -463,7 +479,7 @@ impl Observations {
 }
 
 /// Whether a scan's classes tell the ground from the rest.
-fn has_ground(scan: &Scan) -> bool {
+pub(super) fn has_ground(scan: &Scan) -> bool {
     (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class))
 }
 
