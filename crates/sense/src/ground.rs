@@ -411,7 +411,7 @@ const SWEEPS: usize = 8;
 /// The raster with a membrane, `Δz = 0`, over the cells that are not known.
 ///
 /// Solved on a pyramid: means of the known are filled on the coarser raster, carried to the finer, and relaxed there (Gortler, Grzeszczuk, Szeliski and
-/// Cohen 1996, *The lumigraph* with relaxation added).
+/// Cohen 1996, *The lumigraph*; the relaxation is added).
 fn filled(mut raster: Raster, known: &[bool]) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     if known.iter().all(|&k| k) || columns * rows == 1 {
