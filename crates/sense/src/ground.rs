@@ -54,8 +54,7 @@ pub struct GroundOptions {
 
 impl GroundOptions {
     /// What suits landscapes and towns, for points in units of which a metre has so many: things up to 36 m wide, cells of 1 m, a slope of 0.15,
-    /// half a metre of height and 1.25 m more for a slope of one. With these the samples of Sithole and Vosselman are told apart best by
-    /// one set of values (Pingel, Clarke and McBride, 2013, table 3).
+    /// half a metre of height and 1.25 m more for a slope of one: the values that Pingel, Clarke and McBride (2013) start from.
     #[must_use]
     pub fn for_unit(units_in_a_metre: f64) -> Self {
         Self {
@@ -412,7 +411,7 @@ const SWEEPS: usize = 8;
 /// The raster with a membrane, `Δz = 0`, over the cells that are not known.
 ///
 /// Solved on a pyramid: means of the known are filled on the coarser raster, carried to the finer, and relaxed there (Gortler, Grzeszczuk, Szeliski and
-/// Cohen 1996, *The lumigraph*, section 3.4, with relaxation added).
+/// Cohen 1996, *The lumigraph*; the relaxation is added).
 fn filled(mut raster: Raster, known: &[bool]) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     if known.iter().all(|&k| k) || columns * rows == 1 {

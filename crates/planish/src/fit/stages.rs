@@ -437,7 +437,7 @@ fn first_weight(surface: &Surface, area: f64, information: &[f64]) -> f64 {
 
 /// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found. Of the ground
 /// the upper side falls off faster, so that the sheet comes down to the lower of two opinions (Kraus & Pfeifer 1998, *Determination of terrain models in wooded
-/// areas with airborne laser scanner data*, eq. 3, in units of σ).
+/// areas with airborne laser scanner data*; the form of the fall is ours, in units of σ).
 pub(super) fn weights(
     observations: &Observations,
     subset: &[u32],
