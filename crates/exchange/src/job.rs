@@ -29,7 +29,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
-use crate::source::read_text;
+use crate::source::{no_file, read_text};
 use crate::vrip::QUATERNION_WITHIN;
 
 /// What a job file says.
@@ -127,9 +127,10 @@ pub fn read_job(path: &Path) -> Result<Job> {
         for scan in &job.scans {
             if !scan.path.is_file() {
                 return Err(Error::io(format!(
-                    "line {}: names the scan {}, which does not exist",
+                    "line {}: names the scan {}, which {}",
                     scan.line,
-                    scan.path.display()
+                    scan.path.display(),
+                    no_file(&scan.path)
                 )));
             }
         }

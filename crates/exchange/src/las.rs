@@ -9,18 +9,21 @@
 
 mod limits;
 
-use std::io::BufReader;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 
-use las::{PointDataBuilder, Reader};
+use las::Header;
+use laz::{DecompressionSelection, LasZipDecompressor};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
 use crate::foreign::guarded;
+use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Bytes of points that are read at once, about.
+/// Bytes of records that are read at once, about.
 const BATCH: u64 = 1 << 21;
 
 /// Reads points, and their classes where the file holds any.
@@ -33,42 +36,71 @@ pub fn read_las(path: &Path) -> Result<Scan> {
     scan_from(path, &name).map_err(|e| e.in_context(path.display()))
 }
 
+/// The records of a file, one after the other.
+enum Records {
+    Plain(BufReader<File>),
+    Packed(Box<LasZipDecompressor<'static, BufReader<File>>>),
+}
+
+impl Records {
+    /// The records behind a header.
+    fn new(file: BufReader<File>, header: &Header) -> las::Result<Self> {
+        if !header.point_format().is_compressed {
+            return Ok(Self::Plain(file));
+        }
+        // No more than is looked at. Layers that are left out cost no time, and that of the time of flight breaks the decoder:
+        // it calls itself as often as a damaged layer says.
+        let wanted = DecompressionSelection::xy_returns_channel()
+            .decompress_z()
+            .decompress_classification()
+            .decompress_flags();
+        let decompressor = LasZipDecompressor::selective(file, header.laz_vlr()?, wanted)?;
+        Ok(Self::Packed(Box::new(decompressor)))
+    }
+
+    /// Reads whole records.
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+        match self {
+            Self::Plain(file) => file.read_exact(bytes),
+            Self::Packed(decompressor) => decompressor.decompress_many(bytes),
+        }
+    }
+}
+
 fn scan_from(path: &Path, name: &str) -> Result<Scan> {
     let mut file = BufReader::new(open_file(path)?.0);
     limits::check(&mut file)?;
-    let damaged =
-        |e: las::Error, what: &str| Error::input(format!("{what}: the file is damaged or no LAS file")).with_source(e);
-    let mut reader = guarded(|| Reader::new(file))?.map_err(|e| damaged(e, "the header cannot be read"))?;
-    let header = reader.header();
+    let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or no LAS file"));
+    let no_header = |e: las::Error| damaged("the header cannot be read").with_source(e);
+    let header = guarded(|| Header::new(&mut file))?.map_err(no_header)?;
+    let mut records = guarded(|| Records::new(file, &header))?.map_err(no_header)?;
     let promised = header.number_of_points();
     let format = *header.point_format();
-    let at_once = (BATCH / u64::from(format.len()).max(1)).max(1);
-    let mut batch = PointDataBuilder::new().for_header(header).build();
+    let record = u64::from(format.len());
+    let axes = header.transforms();
+    let at_once = (BATCH / record).max(1);
+    let mut bytes = Vec::new();
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();
     let mut point = 0;
     while point < promised {
-        let found = guarded(|| reader.fill_points(at_once.min(promised - point), &mut batch))?
-            .map_err(|e| damaged(e, &format!("point {point} or one of the next cannot be read")))?;
-        if found == 0 {
-            return Err(Error::input(format!(
-                "the file ends after {point} of {promised} points: it is cut off"
-            )));
-        }
-        let records = batch.raw_bytes().chunks_exact(batch.record_len());
-        let columns = batch
-            .x()
-            .zip(batch.y())
-            .zip(batch.z())
-            .zip(batch.classification())
-            .zip(records);
-        for ((((x, y), z), class), bytes) in columns {
+        // Both are small.
+        bytes.resize((at_once.min(promised - point) * record) as usize, 0);
+        guarded(|| records.read(&mut bytes))?
+            .map_err(|e| damaged(&format!("point {point} or one of the next cannot be read")).with_source(e))?;
+        for bytes in bytes.chunks_exact(usize::from(format.len())) {
+            let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
             if !is_withheld(bytes, format.is_extended) {
                 let before = collector.len();
-                collector.push(&[x, y, z], format_args!("point {point}"))?;
+                let place = [
+                    axes.x.direct(whole(0)),
+                    axes.y.direct(whole(4)),
+                    axes.z.direct(whole(8)),
+                ];
+                collector.push(&place, format_args!("point {point}"))?;
                 // A point that was dropped has no class.
                 if collector.len() > before {
-                    classes.push(class);
+                    classes.push(class(bytes, format.is_extended));
                 }
             }
             point += 1;
@@ -85,12 +117,18 @@ fn scan_from(path: &Path, name: &str) -> Result<Scan> {
 /// Class 0 was never classified, 1 is unclassified.
 const UNCLASSIFIED: u8 = 1;
 
+/// What a record lies on.
+fn class(record: &[u8], extended: bool) -> u8 {
+    match extended {
+        true => record[16],
+        false => record[15] & 0b1_1111,
+    }
+}
+
 /// Whether a record carries the mark that it should not be used.
 fn is_withheld(record: &[u8], extended: bool) -> bool {
     // Byte 15 holds class and marks in formats 0 to 5, the marks alone in formats 6 to 10.
-    record
-        .get(15)
-        .is_some_and(|byte| byte & if extended { 0b100 } else { 0b1000_0000 } != 0)
+    record[15] & if extended { 0b100 } else { 0b1000_0000 } != 0
 }
 
 #[cfg(test)]
@@ -129,7 +167,7 @@ mod tests {
                     Classification::Unclassified
                 },
                 is_withheld: i == 50,
-                gps_time: Some(0.0),
+                gps_time: Some(f64::from(i * i)),
                 ..Point::default()
             };
             writer.write_point(point).unwrap();
@@ -172,6 +210,24 @@ mod tests {
             bomb[247..255].copy_from_slice(&1_000_000_000_u64.to_le_bytes());
             assert!(message(&bomb).contains(name));
         }
+    }
+
+    #[test]
+    fn a_damaged_layer_that_nobody_needs_is_not_decoded() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = file(folder.path(), "a.laz", true);
+        let whole = read_las(&path).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        // Behind the first point and a count stand the sizes of nine layers; that of times is the last.
+        let sizes = number(96) + 8 + 30 + 4;
+        let layers: Vec<usize> = (0..9).map(|k| number(sizes + 4 * k)).collect();
+        let times = sizes + 36 + layers[..8].iter().sum::<usize>();
+        assert!(layers[8] > 20);
+        bytes[times..times + layers[8]].fill(0xff);
+        fs::write(&path, &bytes).unwrap();
+        let read = read_las(&path).unwrap();
+        assert!(read.points == whole.points && read.classes == whole.classes);
     }
 
     /// Every number that decoders take memory for, in turn: none of these files is larger than some kilobytes.
