@@ -8,16 +8,19 @@
 //! Not guaranteed: the coordinate reference system is not looked at; coordinates are in the file's own units, whatever they are.
 
 mod limits;
+mod sequential;
 
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use las::Header;
+use las::laz::is_laszip_vlr;
 use laz::{DecompressionSelection, LasZipDecompressor};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
+use self::sequential::Sequential;
 use crate::foreign::guarded;
 use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
@@ -39,7 +42,10 @@ pub fn read_las(path: &Path) -> Result<Scan> {
 /// The records of a file, one after the other.
 enum Records {
     Plain(BufReader<File>),
-    Packed(Box<LasZipDecompressor<'static, BufReader<File>>>),
+    /// One after the other.
+    Sequential(Box<Sequential<BufReader<File>>>),
+    /// In layers, of which only some are read.
+    Layered(Box<LasZipDecompressor<'static, BufReader<File>>>),
 }
 
 impl Records {
@@ -48,21 +54,34 @@ impl Records {
         if !header.point_format().is_compressed {
             return Ok(Self::Plain(file));
         }
+        let description = header.laz_vlr()?;
+        if description.items().iter().all(|item| item.version() < 3) {
+            let one_chunk = header
+                .vlrs()
+                .iter()
+                .any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
+            return Ok(Self::Sequential(Box::new(Sequential::new(
+                file,
+                &description,
+                one_chunk,
+            )?)));
+        }
         // No more than is looked at. Layers that are left out cost no time, and that of the time of flight breaks the decoder:
         // it calls itself as often as a damaged layer says.
         let wanted = DecompressionSelection::xy_returns_channel()
             .decompress_z()
             .decompress_classification()
             .decompress_flags();
-        let decompressor = LasZipDecompressor::selective(file, header.laz_vlr()?, wanted)?;
-        Ok(Self::Packed(Box::new(decompressor)))
+        let decompressor = LasZipDecompressor::selective(file, description, wanted)?;
+        Ok(Self::Layered(Box::new(decompressor)))
     }
 
-    /// Reads whole records.
-    fn read(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+    /// Reads whole records of `size` bytes.
+    fn read(&mut self, bytes: &mut [u8], size: usize) -> laz::Result<()> {
         match self {
-            Self::Plain(file) => file.read_exact(bytes),
-            Self::Packed(decompressor) => decompressor.decompress_many(bytes),
+            Self::Plain(file) => Ok(file.read_exact(bytes)?),
+            Self::Sequential(points) => bytes.chunks_exact_mut(size).try_for_each(|record| points.read(record)),
+            Self::Layered(decompressor) => Ok(decompressor.decompress_many(bytes)?),
         }
     }
 }
@@ -86,7 +105,7 @@ fn scan_from(path: &Path, name: &str) -> Result<Scan> {
     while point < promised {
         // Both are small.
         bytes.resize((at_once.min(promised - point) * record) as usize, 0);
-        guarded(|| records.read(&mut bytes))?
+        guarded(|| records.read(&mut bytes, usize::from(format.len())))?
             .map_err(|e| damaged(&format!("point {point} or one of the next cannot be read")).with_source(e))?;
         for bytes in bytes.chunks_exact(usize::from(format.len())) {
             let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
@@ -209,6 +228,62 @@ mod tests {
             bomb[107..111].copy_from_slice(&1_000_000_000_u32.to_le_bytes());
             bomb[247..255].copy_from_slice(&1_000_000_000_u64.to_le_bytes());
             assert!(message(&bomb).contains(name));
+        }
+    }
+
+    /// A spiral of points in a point format, whose times come from three lasers, stand still, leap and go back.
+    fn spiral(path: &Path, format: u8, count: u32) {
+        let mut builder = Builder::from((1, if format < 6 { 2 } else { 4 }));
+        builder.point_format = Format::new(format).unwrap();
+        let format = builder.point_format;
+        let mut writer = Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+        let mut state = 1_u32;
+        for i in 0..count {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let laser = f64::from(state >> 30);
+            let leap = [0.0, 1.0, 1.0, 20.0, 900.0, -3.0, -70.0, 1e5][(state >> 20) as usize % 8];
+            let time = 1e6 * laser + f64::from(i / 7) + 1e-3 * leap * f64::from(state >> 25);
+            let point = Point {
+                x: 0.01 * f64::from(i) * (0.1 * f64::from(i)).cos(),
+                y: 0.01 * f64::from(i) * (0.1 * f64::from(i)).sin(),
+                z: 0.001 * f64::from(i % 90),
+                gps_time: format.has_gps_time.then_some(time),
+                color: format.has_color.then(|| las::Color::new(1, (state >> 16) as u16, 3)),
+                ..Point::default()
+            };
+            writer.write_point(point).unwrap();
+        }
+        writer.close().unwrap();
+    }
+
+    #[test]
+    fn every_point_format_reads_the_same_compressed_across_chunks_and_series_of_times() {
+        let folder = tempfile::tempdir().unwrap();
+        for (format, count) in [(0, 500), (1, 110_000), (2, 500), (3, 9000), (6, 9000), (7, 9000)] {
+            let [plain, packed] = ["a.las", "a.laz"].map(|name| {
+                let path = folder.path().join(name);
+                spiral(&path, format, count);
+                read_las(&path).unwrap().points
+            });
+            assert_eq!(plain.len(), count as usize);
+            assert!(plain == packed, "format {format}");
+        }
+    }
+
+    #[test]
+    fn damaged_times_are_an_error_and_no_endless_call() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.laz");
+        spiral(&path, 1, 3000);
+        let whole = fs::read(&path).unwrap();
+        let start = u32::from_le_bytes(whole[96..100].try_into().unwrap()) as usize;
+        for k in 0..200 {
+            // Ever the same bytes drive a decoder to ever the same symbol.
+            let mut bytes = whole.clone();
+            let at = start + 40 + 61 * k % (whole.len() - start - 200);
+            bytes[at..whole.len() - 100].fill([0xff, 0, 0x7f][k % 3]);
+            fs::write(&path, &bytes).unwrap();
+            let _ = read_las(&path);
         }
     }
 

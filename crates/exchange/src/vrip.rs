@@ -138,7 +138,7 @@ mod tests {
     fn mistakes_are_named_by_line() {
         assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: needed a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
-        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a number, found `x`"));
+        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a finite number, found `x`"));
         assert!(message("bmesh a.ply 0 0 nan 0 0 0 1\n").contains("found `nan`"));
         assert!(message("bmesh a.ply 0 0\n").contains("found 3 words"));
         assert!(message("\nmesh a.ply\n").contains("line 2: needed `bmesh`"));
