@@ -242,6 +242,7 @@ fn gzip(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
 }
 
 /// Makes the length before the header that of the JSON object that follows, every other time.
+#[allow(clippy::ptr_arg, reason = "everything that mends has one type")]
 fn safetensors(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     if bytes.len() < 8 || random.random() {
         return;

@@ -31,7 +31,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
-use crate::source::read_text;
+use crate::source::{no_file, read_text};
 use crate::vrip::QUATERNION_WITHIN;
 
 /// What a job file says.
@@ -134,9 +134,10 @@ pub fn read_job(path: &Path) -> Result<Job> {
             let missing = |path: &Path| !path.is_file();
             if let Some((what, Some(path))) = named.iter().find(|(_, path)| path.is_some_and(|p| missing(p))) {
                 return Err(Error::io(format!(
-                    "line {}: names the {what} {}, which does not exist",
+                    "line {}: names the {what} {}, which {}",
                     scan.line,
-                    path.display()
+                    path.display(),
+                    no_file(path)
                 )));
             }
         }

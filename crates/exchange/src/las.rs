@@ -8,20 +8,26 @@
 //! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the same unit.
 
 mod limits;
+mod sequential;
 
-use std::io::BufReader;
+use std::fs::File;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
-use las::{PointDataBuilder, Reader};
+use las::Header;
+use las::laz::is_laszip_vlr;
+use laz::{DecompressionSelection, LasZipDecompressor};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
+use self::sequential::Sequential;
 use crate::GeoReference;
 use crate::foreign::guarded;
+use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Bytes of points that are read at once, about.
+/// Bytes of records that are read at once, about.
 const BATCH: u64 = 1 << 21;
 
 /// Reads points, and their classes where the file holds any.
@@ -44,13 +50,13 @@ pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
         .and_then(|(file, _)| {
             let mut file = BufReader::new(file);
             limits::check(&mut file)?;
-            guarded(|| Reader::new(file))?.map_err(|e| {
+            guarded(|| Header::new(&mut file))?.map_err(|e| {
                 Error::input("the header cannot be read: the file is damaged or no LAS file").with_source(e)
             })
         })
         .map_err(|e| e.in_context(path.display()))?;
     let record = |number: u16| {
-        let mut all = header.header().all_vlrs();
+        let mut all = header.all_vlrs();
         all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number)
             .map(|vlr| vlr.data.as_slice())
     };
@@ -62,42 +68,87 @@ pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
 /// Who defines the records that hold a map.
 const PROJECTION: &str = "LASF_Projection";
 
+/// The records of a file, one after the other.
+enum Records {
+    Plain(BufReader<File>),
+    /// One after the other.
+    Sequential(Box<Sequential<BufReader<File>>>),
+    /// In layers, of which only some are read.
+    Layered(Box<LasZipDecompressor<'static, BufReader<File>>>),
+}
+
+impl Records {
+    /// The records behind a header.
+    fn new(file: BufReader<File>, header: &Header) -> las::Result<Self> {
+        if !header.point_format().is_compressed {
+            return Ok(Self::Plain(file));
+        }
+        let description = header.laz_vlr()?;
+        if description.items().iter().all(|item| item.version() < 3) {
+            let one_chunk = header
+                .vlrs()
+                .iter()
+                .any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
+            return Ok(Self::Sequential(Box::new(Sequential::new(
+                file,
+                &description,
+                one_chunk,
+            )?)));
+        }
+        // No more than is looked at. Layers that are left out cost no time, and that of the time of flight breaks the decoder:
+        // it calls itself as often as a damaged layer says.
+        let wanted = DecompressionSelection::xy_returns_channel()
+            .decompress_z()
+            .decompress_classification()
+            .decompress_flags();
+        let decompressor = LasZipDecompressor::selective(file, description, wanted)?;
+        Ok(Self::Layered(Box::new(decompressor)))
+    }
+
+    /// Reads whole records of `size` bytes.
+    fn read(&mut self, bytes: &mut [u8], size: usize) -> laz::Result<()> {
+        match self {
+            Self::Plain(file) => Ok(file.read_exact(bytes)?),
+            Self::Sequential(points) => bytes.chunks_exact_mut(size).try_for_each(|record| points.read(record)),
+            Self::Layered(decompressor) => Ok(decompressor.decompress_many(bytes)?),
+        }
+    }
+}
+
 fn scan_from(path: &Path, name: &str) -> Result<Scan> {
     let mut file = BufReader::new(open_file(path)?.0);
     limits::check(&mut file)?;
-    let damaged =
-        |e: las::Error, what: &str| Error::input(format!("{what}: the file is damaged or no LAS file")).with_source(e);
-    let mut reader = guarded(|| Reader::new(file))?.map_err(|e| damaged(e, "the header cannot be read"))?;
-    let header = reader.header();
+    let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or no LAS file"));
+    let no_header = |e: las::Error| damaged("the header cannot be read").with_source(e);
+    let header = guarded(|| Header::new(&mut file))?.map_err(no_header)?;
+    let mut records = guarded(|| Records::new(file, &header))?.map_err(no_header)?;
     let promised = header.number_of_points();
     let format = *header.point_format();
-    let at_once = (BATCH / u64::from(format.len()).max(1)).max(1);
-    let mut batch = PointDataBuilder::new().for_header(header).build();
+    let record = u64::from(format.len());
+    let axes = header.transforms();
+    let at_once = (BATCH / record).max(1);
+    let mut bytes = Vec::new();
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();
     let mut point = 0;
     while point < promised {
-        let found = guarded(|| reader.fill_points(at_once.min(promised - point), &mut batch))?
-            .map_err(|e| damaged(e, &format!("point {point} or one of the next cannot be read")))?;
-        if found == 0 {
-            return Err(Error::input(format!(
-                "the file ends after {point} of {promised} points: it is cut off"
-            )));
-        }
-        let records = batch.raw_bytes().chunks_exact(batch.record_len());
-        let columns = batch
-            .x()
-            .zip(batch.y())
-            .zip(batch.z())
-            .zip(batch.classification())
-            .zip(records);
-        for ((((x, y), z), class), bytes) in columns {
+        // Both are small.
+        bytes.resize((at_once.min(promised - point) * record) as usize, 0);
+        guarded(|| records.read(&mut bytes, usize::from(format.len())))?
+            .map_err(|e| damaged(&format!("point {point} or one of the next cannot be read")).with_source(e))?;
+        for bytes in bytes.chunks_exact(usize::from(format.len())) {
+            let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
             if !is_withheld(bytes, format.is_extended) {
                 let before = collector.len();
-                collector.push(&[x, y, z], format_args!("point {point}"))?;
+                let place = [
+                    axes.x.direct(whole(0)),
+                    axes.y.direct(whole(4)),
+                    axes.z.direct(whole(8)),
+                ];
+                collector.push(&place, format_args!("point {point}"))?;
                 // A point that was dropped has no class.
                 if collector.len() > before {
-                    classes.push(class);
+                    classes.push(class(bytes, format.is_extended));
                 }
             }
             point += 1;
@@ -114,12 +165,18 @@ fn scan_from(path: &Path, name: &str) -> Result<Scan> {
 /// Class 0 was never classified, 1 is unclassified.
 const UNCLASSIFIED: u8 = 1;
 
+/// What a record lies on.
+fn class(record: &[u8], extended: bool) -> u8 {
+    match extended {
+        true => record[16],
+        false => record[15] & 0b1_1111,
+    }
+}
+
 /// Whether a record carries the mark that it should not be used.
 fn is_withheld(record: &[u8], extended: bool) -> bool {
     // Byte 15 holds class and marks in formats 0 to 5, the marks alone in formats 6 to 10.
-    record
-        .get(15)
-        .is_some_and(|byte| byte & if extended { 0b100 } else { 0b1000_0000 } != 0)
+    record[15] & if extended { 0b100 } else { 0b1000_0000 } != 0
 }
 
 #[cfg(test)]
@@ -158,7 +215,7 @@ mod tests {
                     Classification::Unclassified
                 },
                 is_withheld: i == 50,
-                gps_time: Some(0.0),
+                gps_time: Some(f64::from(i * i)),
                 ..Point::default()
             };
             writer.write_point(point).unwrap();
@@ -201,6 +258,80 @@ mod tests {
             bomb[247..255].copy_from_slice(&1_000_000_000_u64.to_le_bytes());
             assert!(message(&bomb).contains(name));
         }
+    }
+
+    /// A spiral of points in a point format, whose times come from three lasers, stand still, leap and go back.
+    fn spiral(path: &Path, format: u8, count: u32) {
+        let mut builder = Builder::from((1, if format < 6 { 2 } else { 4 }));
+        builder.point_format = Format::new(format).unwrap();
+        let format = builder.point_format;
+        let mut writer = Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+        let mut state = 1_u32;
+        for i in 0..count {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let laser = f64::from(state >> 30);
+            let leap = [0.0, 1.0, 1.0, 20.0, 900.0, -3.0, -70.0, 1e5][(state >> 20) as usize % 8];
+            let time = 1e6 * laser + f64::from(i / 7) + 1e-3 * leap * f64::from(state >> 25);
+            let point = Point {
+                x: 0.01 * f64::from(i) * (0.1 * f64::from(i)).cos(),
+                y: 0.01 * f64::from(i) * (0.1 * f64::from(i)).sin(),
+                z: 0.001 * f64::from(i % 90),
+                gps_time: format.has_gps_time.then_some(time),
+                color: format.has_color.then(|| las::Color::new(1, (state >> 16) as u16, 3)),
+                ..Point::default()
+            };
+            writer.write_point(point).unwrap();
+        }
+        writer.close().unwrap();
+    }
+
+    #[test]
+    fn every_point_format_reads_the_same_compressed_across_chunks_and_series_of_times() {
+        let folder = tempfile::tempdir().unwrap();
+        for (format, count) in [(0, 500), (1, 110_000), (2, 500), (3, 9000), (6, 9000), (7, 9000)] {
+            let [plain, packed] = ["a.las", "a.laz"].map(|name| {
+                let path = folder.path().join(name);
+                spiral(&path, format, count);
+                read_las(&path).unwrap().points
+            });
+            assert_eq!(plain.len(), count as usize);
+            assert!(plain == packed, "format {format}");
+        }
+    }
+
+    #[test]
+    fn damaged_times_are_an_error_and_no_endless_call() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.laz");
+        spiral(&path, 1, 3000);
+        let whole = fs::read(&path).unwrap();
+        let start = u32::from_le_bytes(whole[96..100].try_into().unwrap()) as usize;
+        for k in 0..200 {
+            // Ever the same bytes drive a decoder to ever the same symbol.
+            let mut bytes = whole.clone();
+            let at = start + 40 + 61 * k % (whole.len() - start - 200);
+            bytes[at..whole.len() - 100].fill([0xff, 0, 0x7f][k % 3]);
+            fs::write(&path, &bytes).unwrap();
+            let _ = read_las(&path);
+        }
+    }
+
+    #[test]
+    fn a_damaged_layer_that_nobody_needs_is_not_decoded() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = file(folder.path(), "a.laz", true);
+        let whole = read_las(&path).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        // Behind the first point and a count stand the sizes of nine layers; that of times is the last.
+        let sizes = number(96) + 8 + 30 + 4;
+        let layers: Vec<usize> = (0..9).map(|k| number(sizes + 4 * k)).collect();
+        let times = sizes + 36 + layers[..8].iter().sum::<usize>();
+        assert!(layers[8] > 20);
+        bytes[times..times + layers[8]].fill(0xff);
+        fs::write(&path, &bytes).unwrap();
+        let read = read_las(&path).unwrap();
+        assert!(read.points == whole.points && read.classes == whole.classes);
     }
 
     /// Every number that decoders take memory for, in turn: none of these files is larger than some kilobytes.

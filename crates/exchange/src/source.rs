@@ -140,6 +140,14 @@ pub fn extension(path: &Path) -> String {
     }
 }
 
+/// What is wrong with a path that is no file.
+pub(crate) fn no_file(path: &Path) -> &'static str {
+    match path.exists() {
+        true => "is no file: needed one that holds points",
+        false => "does not exist",
+    }
+}
+
 /// Reads a small text file whole (a list or a job, not a cloud).
 pub(crate) fn read_text(path: &Path) -> Result<String> {
     /// No list of scans that a person or script wrote comes near.

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use planish_estimate::{Error, Result};
 use planish_sense::Pose;
 
-use crate::source::{parse_number, read_text, shown};
+use crate::source::{no_file, parse_number, read_text, shown};
 
 /// How far from 1 the length of a stated quaternion may be.
 pub(crate) const QUATERNION_WITHIN: f64 = 1e-3;
@@ -41,9 +41,10 @@ pub fn read_conf(path: &Path) -> Result<Vec<ListedScan>> {
         for scan in &scans {
             if !scan.path.is_file() {
                 return Err(Error::io(format!(
-                    "line {}: lists {}, which does not exist",
+                    "line {}: lists {}, which {}",
                     scan.line,
-                    scan.path.display()
+                    scan.path.display(),
+                    no_file(&scan.path)
                 )));
             }
         }
@@ -137,7 +138,7 @@ mod tests {
     fn mistakes_are_named_by_line() {
         assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: needed a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
-        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a number, found `x`"));
+        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a finite number, found `x`"));
         assert!(message("bmesh a.ply 0 0 nan 0 0 0 1\n").contains("found `nan`"));
         assert!(message("bmesh a.ply 0 0\n").contains("found 3 words"));
         assert!(message("\nmesh a.ply\n").contains("line 2: needed `bmesh`"));

@@ -180,9 +180,15 @@ fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2]
 
 /// Finds starting parameters for projections: samples of the surface in a tree over position and scaled normal.
 pub struct FootPointSearch {
-    tree: ImmutableKdTree<f64, 6>,
+    tree: SampleTree,
     parameters: Vec<[f64; 2]>,
     normal_scale: f64,
+}
+
+/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten times as long.
+enum SampleTree {
+    Positions(ImmutableKdTree<f64, 3>),
+    WithNormals(ImmutableKdTree<f64, 6>),
 }
 
 impl FootPointSearch {
@@ -214,8 +220,13 @@ impl FootPointSearch {
         if samples.is_empty() {
             return Err(Error::undetermined("the surface has no point to search from"));
         }
-        let tree = ImmutableKdTree::new_from_slice(&samples)
-            .map_err(|e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}")))?;
+        let unusable = |e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}"));
+        let tree = if normal_scale > 0.0 {
+            SampleTree::WithNormals(ImmutableKdTree::new_from_slice(&samples).map_err(unusable)?)
+        } else {
+            let positions: Vec<[f64; 3]> = samples.iter().map(|s| [s[0], s[1], s[2]]).collect();
+            SampleTree::Positions(ImmutableKdTree::new_from_slice(&positions).map_err(unusable)?)
+        };
         Ok(Self {
             tree,
             parameters,
@@ -226,10 +237,15 @@ impl FootPointSearch {
     /// Parameters of the sample nearest to a point with this normal (zero where it is unknown).
     #[must_use]
     pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
-        let n = scale(self.normal_scale, normal);
-        let query = [z[0], z[1], z[2], n[0], n[1], n[2]];
-        let found = self.tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute();
-        self.parameters[found.item as usize]
+        let item = match &self.tree {
+            SampleTree::Positions(tree) => tree.query(&z).nearest_one::<SquaredEuclidean<f64>>().execute().item,
+            SampleTree::WithNormals(tree) => {
+                let n = scale(self.normal_scale, normal);
+                let query = [z[0], z[1], z[2], n[0], n[1], n[2]];
+                tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item
+            }
+        };
+        self.parameters[item as usize]
     }
 }
 

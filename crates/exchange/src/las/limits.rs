@@ -21,7 +21,7 @@ const LONGEST_RECORD: u64 = 4096;
 /// Bytes of an extended record before its data.
 const EXTENDED_HEAD: u64 = 60;
 /// The first two bytes of a description by which all points are one chunk, and no table names it.
-const ONE_CHUNK: [u8; 2] = [1, 0];
+pub(super) const ONE_CHUNK: [u8; 2] = [1, 0];
 
 /// Refuses a file that promises more than it can hold.
 pub(super) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
