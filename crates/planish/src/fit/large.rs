@@ -17,6 +17,7 @@ use crate::progress::Progress;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
 use planish_exchange::{PosedScan, ScanSet};
+use planish_mesh::BoundingBox;
 use planish_sense::{Ground, GroundOptions, Scan, classify_ground};
 use planish_spline::FootPointSearch;
 use rayon::prelude::*;
@@ -47,11 +48,7 @@ impl<'a> Parts<'a> {
     ///
     /// # Errors
     /// Those of [`classify_ground`].
-    pub(super) fn deal(
-        set: &'a ScanSet,
-        options: &FitOptions,
-        ground: Option<&GroundOptions>,
-    ) -> Result<Option<Self>> {
+    pub(super) fn deal(set: &'a ScanSet, options: &FitOptions, ground: Option<&GroundOptions>) -> Result<Option<Self>> {
         let loose: usize = (set.scans.iter())
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
@@ -73,7 +70,12 @@ impl<'a> Parts<'a> {
             .collect();
         let mut rejected = BTreeMap::new();
         if let Some(ground) = ground {
-            for (posed, part) in set.scans.iter().zip(&mut part).filter(|(posed, _)| !has_ground(&posed.scan)) {
+            for (posed, part) in set
+                .scans
+                .iter()
+                .zip(&mut part)
+                .filter(|(posed, _)| !has_ground(&posed.scan))
+            {
                 let points: Vec<[f64; 3]> = (posed.scan.points.par_iter())
                     .with_min_len(4096)
                     .map(|p| posed.scan.world_from_scanner.apply(*p))
@@ -144,6 +146,32 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
     }
 }
 
+/// The numbers of points, ordered so that what is near in space is near in memory: by cells of a coarse grid, along a curve.
+fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
+    let Some(bounds) = BoundingBox::of(points) else {
+        return Vec::new();
+    };
+    let scale = 1023.0 / bounds.diagonal().max(f64::MIN_POSITIVE);
+    let mut numbers: Vec<(u32, u32)> = (points.par_iter())
+        .with_min_len(4096)
+        .enumerate()
+        .map(|(k, p)| {
+            let [x, y, z] = std::array::from_fn(|d| spread(((p[d] - bounds.min[d]) * scale) as u32));
+            (x | y << 1 | z << 2, k as u32)
+        })
+        .collect();
+    numbers.par_sort_unstable();
+    numbers.into_iter().map(|(_, k)| k).collect()
+}
+
+/// Ten bits with two zeros between each (Morton 1966).
+fn spread(x: u32) -> u32 {
+    let x = (x | x << 16) & 0x0300_00FF;
+    let x = (x | x << 8) & 0x0300_F00F;
+    let x = (x | x << 4) & 0x030C_30C3;
+    (x | x << 2) & 0x0924_9249
+}
+
 /// A repeatable number for coordinates.
 fn hash(p: &[f64; 3], seed: u64) -> u64 {
     let mut x = seed ^ 0x9E37_79B9_7F4A_7C15;
@@ -209,14 +237,18 @@ pub(super) fn absorb(
         let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
         let mut observations = Observations::new(&scans, &sensor_of_scan, &set.sensors, &options_of_part)?;
         observations.move_origin(origin);
-        let subset: Vec<u32> = (0..observations.len() as u32).collect();
+        let subset = neighbours_together(&observations.points);
         let mut at = vec![[f64::NAN; 2]; observations.len()];
         let feet = project(surface, &observations, &subset, &mut at, Some(&search), &noise.used);
         let information = weights(&observations, &subset, &feet, noise, options.gate, false);
         absorbed
             .data
             .add_scaled(&accumulate(system, surface, &feet, &information)?, 1.0)?;
-        for (seen, now) in absorbed.observed.iter_mut().zip(observed_leaves(surface, &feet, &information)) {
+        for (seen, now) in absorbed
+            .observed
+            .iter_mut()
+            .zip(observed_leaves(surface, &feet, &information))
+        {
             *seen |= now;
         }
         absorbed.total += observations.total;
@@ -241,7 +273,14 @@ pub(super) fn absorb(
         }
     }
     progress.check("settling", 0.86)?;
-    let information = weights(first, &settled.subset, &settled.feet, &settled.noise, options.gate, false);
+    let information = weights(
+        first,
+        &settled.subset,
+        &settled.feet,
+        &settled.noise,
+        options.gate,
+        false,
+    );
     let step = normal_step(
         &settled.system,
         &settled.surface,
