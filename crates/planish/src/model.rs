@@ -182,7 +182,10 @@ impl NodeCovariance {
                 .map(|d| {
                     let mut axis = [0.0; 3];
                     axis[d] = 1.0;
-                    Ok(scales[d] * self.inverse.trace_with(&system.contract(information, &directions(axis))?)?)
+                    Ok(scales[d]
+                        * self
+                            .inverse
+                            .trace_with(&system.contract(information, &directions(axis))?)?)
                 })
                 .sum(),
         }

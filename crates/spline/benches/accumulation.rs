@@ -34,7 +34,10 @@ fn rate(runs: usize, mut work: impl FnMut()) -> f64 {
 
 fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    println!("{:<12} {:>10} {:>10} {:>10}", "cells", "moments", "weighted", "by weights");
+    println!(
+        "{:<12} {:>10} {:>10} {:>10}",
+        "cells", "moments", "weighted", "by weights"
+    );
     for across in [8, 61, 200] {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [across, across]).unwrap());
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
@@ -59,6 +62,9 @@ fn main() {
             }
         });
         black_box(&cells);
-        println!("{:<12} {moments:>10.1} {weighted:>10.1} {plain:>10.1}", format!("{across}x{across}"));
+        println!(
+            "{:<12} {moments:>10.1} {weighted:>10.1} {plain:>10.1}",
+            format!("{across}x{across}")
+        );
     }
 }

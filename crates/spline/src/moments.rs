@@ -353,12 +353,7 @@ impl PositionSums {
     /// `Input`, with the number of the reading, when parameters lie outside the domain of an open
     /// direction, an information is negative, anything is not finite, or the slices differ in length. Readings of whole batches before
     /// it have been added then.
-    pub fn add(
-        &mut self,
-        parameters: &[[f64; 2]],
-        positions: &[[f64; 3]],
-        information: Option<&[f64]>,
-    ) -> Result<()> {
+    pub fn add(&mut self, parameters: &[[f64; 2]], positions: &[[f64; 3]], information: Option<&[f64]>) -> Result<()> {
         if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
             return Err(Error::input(format!(
                 "{} parameters, {} positions and {} weights: needed as many of each",
@@ -489,7 +484,11 @@ impl PositionSums {
             // (1, u, v) are these combinations of (1, s, t).
             let rows = [[1.0, 0.0, 0.0], [u0, half, 0.0], [v0, 0.0, half]];
             let m = &cell.gram;
-            let of_cell = [[m[0][0], m[0][1], m[1][0]], [m[0][1], m[0][2], m[1][1]], [m[1][0], m[1][1], m[2][0]]];
+            let of_cell = [
+                [m[0][0], m[0][1], m[1][0]],
+                [m[0][1], m[0][2], m[1][1]],
+                [m[1][0], m[1][1], m[2][0]],
+            ];
             for a in 0..3 {
                 for b in 0..3 {
                     gram[a][b] += (0..3)
@@ -523,7 +522,11 @@ impl PositionSums {
             map[0][d] = self.origin()[d] + middle - a * mean[0] - b * mean[1];
             (map[1][d], map[2][d]) = (a, b);
             let total = squares[d] - weight * middle * middle;
-            unexplained_share[d] = if total > 0.0 { (total - a * uz - b * vz) / total } else { 0.0 };
+            unexplained_share[d] = if total > 0.0 {
+                (total - a * uz - b * vz) / total
+            } else {
+                0.0
+            };
         }
         Some(AffineMap { map, unexplained_share })
     }
@@ -568,7 +571,9 @@ fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Err
         information,
     } = *reading;
     Error::input(if !(0.0..=f64::MAX).contains(&information) {
-        format!("reading {number}: needed an information (1/variance) that is finite and not negative, found {information}")
+        format!(
+            "reading {number}: needed an information (1/variance) that is finite and not negative, found {information}"
+        )
     } else if position.iter().all(|x| x.is_finite()) {
         format!("reading {number}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
     } else {

@@ -7,11 +7,11 @@ use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
-use planish_estimate::{Error, Result};
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor,
 };
 use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 

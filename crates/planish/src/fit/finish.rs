@@ -4,8 +4,8 @@
 //! the figures by which a user judges it.
 
 use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
-use super::noise::{SensorNoise, kept_variance};
 use super::large::{Absorbed, Used};
+use super::noise::{SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
@@ -341,7 +341,8 @@ fn sensor_reports(
         .enumerate()
         .filter(|(s, _)| observations.sensor_of_scan.contains(s))
         .map(|(s, sensor)| {
-            let (mut count, mut square, mut stated) = others.get(s).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
+            let (mut count, mut square, mut stated) =
+                others.get(s).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
             for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
                 if w > 0.0 && observations.sensor(i as usize) == s {
                     count += 1;

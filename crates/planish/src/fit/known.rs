@@ -139,8 +139,7 @@ impl<'a> Readings<'a> {
             (None, Some(Noise::Isotropic { sigma })) => sigma,
             (None, _) => 1.0,
         };
-        let held_out =
-            self.held_out_share > 0.0 && hash01(self.options.seed, s as u64, k as u64) < self.held_out_share;
+        let held_out = self.held_out_share > 0.0 && hash01(self.options.seed, s as u64, k as u64) < self.held_out_share;
         Reading {
             at: [at[0] * self.cells[0], at[1] * self.cells[1]],
             point: scan.world_from_scanner.apply(scan.points[k]),
@@ -395,8 +394,8 @@ pub(super) fn fit_known(
         if round + 1 == MOST_ROUNDS {
             break;
         }
-        let settled = variances.len() == 1
-            || (now.iter().zip(&variances)).all(|(a, b)| (a / b - 1.0).abs() < SETTLED_VARIANCE);
+        let settled =
+            variances.len() == 1 || (now.iter().zip(&variances)).all(|(a, b)| (a / b - 1.0).abs() < SETTLED_VARIANCE);
         let changed = difference(&readings.gated, &examined.gated);
         if settled && changed as f64 <= SETTLED_GATE * total.sums.count() as f64 {
             reached_limit = false;
@@ -464,7 +463,11 @@ impl Solved {
         let evaluation = Evaluation::new(&surface, measured);
         progress.check("covariance", 0.8)?;
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
-        let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
+        let kept = if is_gated {
+            kept_variance(readings.options.gate)?
+        } else {
+            1.0
+        };
 
         // σ² of the readings: residuals over what is left of their number.
         let inverse = SelectedInverse::new(&smoothing.factor);
@@ -473,7 +476,8 @@ impl Solved {
         let weighted: f64 = residuals.iter().zip(&variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (coordinates * count as f64 - degrees).max(1.0);
         let estimated = (weighted / (redundant * kept)).max(least_variance(&surface, &total));
-        let believed = |s: usize| readings.stated[s] && (1.0 / BELIEVED..BELIEVED).contains(&(estimated * variances[s]).sqrt());
+        let believed =
+            |s: usize| readings.stated[s] && (1.0 / BELIEVED..BELIEVED).contains(&(estimated * variances[s]).sqrt());
         let scale = match (0..variances.len()).find(|&s| believed(s) && residuals[s].count > 0) {
             Some(s) => 1.0 / variances[s],
             None => estimated,
@@ -520,7 +524,12 @@ impl Solved {
         let held_out = readings.judge(&evaluation, &posterior, scale, &variances)?;
         let sigma = posterior.sigma_summary(&model.observed)?;
         let areas = leaf_areas(&model.surface);
-        let observed_area: f64 = areas.iter().zip(&model.observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+        let observed_area: f64 = areas
+            .iter()
+            .zip(&model.observed)
+            .filter(|(_, o)| **o)
+            .map(|(a, _)| a)
+            .sum();
         let square: f64 = residuals.iter().map(|r| r.square).sum();
         let n = coordinates * count.max(1) as f64;
         let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
@@ -549,7 +558,11 @@ impl Solved {
             observed_area_fraction: observed_share,
             smoothness_weight: model.smoothness_weight,
             held_out,
-            termination: if reached_limit { FitTermination::Limit } else { FitTermination::Converged },
+            termination: if reached_limit {
+                FitTermination::Limit
+            } else {
+                FitTermination::Converged
+            },
         };
         progress.advance("done", 1.0);
         Ok(Fit {
@@ -562,13 +575,7 @@ impl Solved {
 
 impl Readings<'_> {
     /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
-    fn judge(
-        &self,
-        surface: &Evaluation,
-        posterior: &Posterior<'_>,
-        scale: f64,
-        variances: &[f64],
-    ) -> Result<HeldOut> {
+    fn judge(&self, surface: &Evaluation, posterior: &Posterior<'_>, scale: f64, variances: &[f64]) -> Result<HeldOut> {
         let gate = self.options.gate;
         let Some(&measured) = surface.coordinates.first() else {
             return Err(Error::undetermined("no coordinate was measured"));
@@ -635,7 +642,11 @@ fn over_coordinates(information: &BlockInformation, factor: f64, measured: [bool
             block[4 * d] = weights[d] * value;
         }
     }
-    for (to, from) in out.vector_mut().chunks_exact_mut(3).zip(information.vector().chunks_exact(3)) {
+    for (to, from) in out
+        .vector_mut()
+        .chunks_exact_mut(3)
+        .zip(information.vector().chunks_exact(3))
+    {
         for d in 0..3 {
             to[d] = weights[d] * from[d];
         }

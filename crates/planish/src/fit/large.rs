@@ -47,11 +47,7 @@ impl<'a> Parts<'a> {
     ///
     /// # Errors
     /// Those of [`classify_ground`].
-    pub(super) fn deal(
-        set: &'a ScanSet,
-        options: &FitOptions,
-        ground: Option<&GroundOptions>,
-    ) -> Result<Option<Self>> {
+    pub(super) fn deal(set: &'a ScanSet, options: &FitOptions, ground: Option<&GroundOptions>) -> Result<Option<Self>> {
         let loose: usize = (set.scans.iter())
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
@@ -73,7 +69,12 @@ impl<'a> Parts<'a> {
             .collect();
         let mut rejected = BTreeMap::new();
         if let Some(ground) = ground {
-            for (posed, part) in set.scans.iter().zip(&mut part).filter(|(posed, _)| !has_ground(&posed.scan)) {
+            for (posed, part) in set
+                .scans
+                .iter()
+                .zip(&mut part)
+                .filter(|(posed, _)| !has_ground(&posed.scan))
+            {
                 let points: Vec<[f64; 3]> = (posed.scan.points.par_iter())
                     .with_min_len(4096)
                     .map(|p| posed.scan.world_from_scanner.apply(*p))
@@ -216,7 +217,11 @@ pub(super) fn absorb(
         absorbed
             .data
             .add_scaled(&accumulate(system, surface, &feet, &information)?, 1.0)?;
-        for (seen, now) in absorbed.observed.iter_mut().zip(observed_leaves(surface, &feet, &information)) {
+        for (seen, now) in absorbed
+            .observed
+            .iter_mut()
+            .zip(observed_leaves(surface, &feet, &information))
+        {
             *seen |= now;
         }
         absorbed.total += observations.total;
@@ -241,7 +246,14 @@ pub(super) fn absorb(
         }
     }
     progress.check("settling", 0.86)?;
-    let information = weights(first, &settled.subset, &settled.feet, &settled.noise, options.gate, false);
+    let information = weights(
+        first,
+        &settled.subset,
+        &settled.feet,
+        &settled.noise,
+        options.gate,
+        false,
+    );
     let step = normal_step(
         &settled.system,
         &settled.surface,

@@ -224,7 +224,12 @@ fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
 fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
     let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
     let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    Observations::new(&scans, &sensor_of_scan, &set.sensors, &observation_options(set, options))
+    Observations::new(
+        &scans,
+        &sensor_of_scan,
+        &set.sensors,
+        &observation_options(set, options),
+    )
 }
 
 fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOptions {

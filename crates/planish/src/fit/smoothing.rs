@@ -134,8 +134,7 @@ impl Smoothing {
             let left = |d: usize| total.squares[d] - explained[d];
             let penalized: f64 = (0..3).filter(|&d| measured[d]).map(left).sum();
             Ok(SmoothnessEvaluation {
-                log_determinant: coordinates as f64
-                    * factor.as_ref().map_or(f64::NAN, CholeskyFactor::log_determinant),
+                log_determinant: coordinates as f64 * factor.as_ref().map_or(f64::NAN, CholeskyFactor::log_determinant),
                 residual: penalized.max(f64::MIN_POSITIVE),
                 roughness: 0.0,
                 trace: None,
@@ -183,7 +182,8 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
     let [nu, nv] = space.extent();
     let point: Box<dyn Fn(f64, f64) -> [f64; 3]> = match space.shape() {
         Shape::Sheet => {
-            let undetermined = || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
+            let undetermined =
+                || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
             let [origin, along_u, along_v] = sums.affine().ok_or_else(undetermined)?.map;
             Box::new(move |u, v| std::array::from_fn(|d| origin[d] + u * along_u[d] + v * along_v[d]))
         }
@@ -216,7 +216,10 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
     let vertices = space.vertices_from(|cell: Cell| {
         let side = cell.side();
         std::array::from_fn(|k| {
-            let (i, j) = (f64::from(cell.i) + (k % 4) as f64 - 1.0, f64::from(cell.j) + (k / 4) as f64 - 1.0);
+            let (i, j) = (
+                f64::from(cell.i) + (k % 4) as f64 - 1.0,
+                f64::from(cell.j) + (k / 4) as f64 - 1.0,
+            );
             point(i * side, j * side)
         })
     });

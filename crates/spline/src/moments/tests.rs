@@ -9,7 +9,10 @@ fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 
     let at: Vec<[f64; 2]> = (0..n)
         .map(|_| [random.random::<f64>() * extent[0], random.random::<f64>() * extent[1]])
         .collect();
-    let z = at.iter().map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()]).collect();
+    let z = at
+        .iter()
+        .map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()])
+        .collect();
     let w = (0..n).map(|_| 0.5 + random.random::<f64>()).collect();
     (at, z, w)
 }
@@ -37,7 +40,10 @@ fn assert_same(found: &([[f64; 16]; 16], [[f64; 3]; 16]), wanted: &([[f64; 16]; 
             assert!((found.0[k][l] - wanted.0[k][l]).abs() < 1e-14 * scale, "entry {k}, {l}");
         }
         for d in 0..3 {
-            assert!((found.1[k][d] - wanted.1[k][d]).abs() < 1e-14 * scale, "vector {k}, {d}");
+            assert!(
+                (found.1[k][d] - wanted.1[k][d]).abs() < 1e-14 * scale,
+                "vector {k}, {d}"
+            );
         }
     }
 }
@@ -111,7 +117,12 @@ fn sums_of_two_sessions_add_whatever_their_origins() {
     merged.merge(&other, 1.0).unwrap();
     assert_eq!(merged.count(), 1000);
     let (a, b) = (all.information(&system).unwrap(), merged.information(&system).unwrap());
-    for (a, b) in a.values().iter().zip(b.values()).chain(a.vector().iter().zip(b.vector())) {
+    for (a, b) in a
+        .values()
+        .iter()
+        .zip(b.values())
+        .chain(a.vector().iter().zip(b.vector()))
+    {
         assert!((a - b).abs() < 1e-11);
     }
     for d in 0..3 {
@@ -125,15 +136,30 @@ fn readings_that_cannot_be_used_are_named() {
     let mut sums = PositionSums::new(&space);
     sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
     for (at, z, w, words) in [
-        ([4.1, 0.0], [0.0; 3], 1.0, "reading 0: needed parameters in [0, 4] × [0, 4], found (4.1, 0)"),
+        (
+            [4.1, 0.0],
+            [0.0; 3],
+            1.0,
+            "reading 0: needed parameters in [0, 4] × [0, 4], found (4.1, 0)",
+        ),
         ([f64::NAN, 0.0], [0.0; 3], 1.0, "found (NaN, 0)"),
-        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 0: needed finite coordinates"),
+        (
+            [0.0, 0.0],
+            [0.0, f64::INFINITY, 0.0],
+            1.0,
+            "reading 0: needed finite coordinates",
+        ),
         ([0.0, 0.0], [0.0; 3], -1.0, "not negative, found -1"),
     ] {
         let message = sums.add(&[at], &[z], Some(&[w])).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     }
-    assert!(sums.add(&[[0.0; 2]], &[], None).unwrap_err().to_string().contains("1 parameters, 0 positions"));
+    assert!(
+        sums.add(&[[0.0; 2]], &[], None)
+            .unwrap_err()
+            .to_string()
+            .contains("1 parameters, 0 positions")
+    );
 }
 
 /// The metric of a sheet, and which coordinates are exact, come from this.
@@ -159,6 +185,7 @@ fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
     }
     assert!(affine.unexplained_share[2] > 0.01);
     let mut line = PositionSums::new(&space);
-    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None).unwrap();
+    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None)
+        .unwrap();
     assert_eq!(line.affine(), None);
 }

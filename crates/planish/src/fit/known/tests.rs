@@ -86,7 +86,12 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
     let system = SurfaceSystem::new(space).unwrap();
     let reference = {
         let mut sums = PositionSums::new(space);
-        let at: Vec<[f64; 2]> = scan.parameters.iter().flatten().map(|[u, v]| [5.0 * u, 4.0 * v]).collect();
+        let at: Vec<[f64; 2]> = scan
+            .parameters
+            .iter()
+            .flatten()
+            .map(|[u, v]| [5.0 * u, 4.0 * v])
+            .collect();
         sums.add(&at, &scan.points, None).unwrap();
         reference_surface(space, &sums).unwrap()
     };
@@ -108,7 +113,11 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
         let x = &covariance * (h.transpose() * z) / sigma2;
         for node in 0..n {
             let found = model.surface.vertices()[node][d];
-            assert!((found - x[node]).abs() < 1e-7, "vertex {node}, {d}: {found}, {}", x[node]);
+            assert!(
+                (found - x[node]).abs() < 1e-7,
+                "vertex {node}, {d}: {found}, {}",
+                x[node]
+            );
         }
     }
     let posteriors = [fitted.posterior(), model.posterior().unwrap()];
@@ -133,9 +142,17 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
 fn the_stated_sigma_of_the_surface_is_true() {
     let mut squares = Vec::new();
     for seed in 0..4 {
-        let fitted = fit(&set_of(vec![(heights(20_000, 0.01, seed), None)]), &options([21, 21]), &Silent).unwrap();
+        let fitted = fit(
+            &set_of(vec![(heights(20_000, 0.01, seed), None)]),
+            &options([21, 21]),
+            &Silent,
+        )
+        .unwrap();
         let report = &fitted.report;
-        assert!((report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.02, "{report:?}");
+        assert!(
+            (report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.02,
+            "{report:?}"
+        );
         assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");
         assert!(report.rejected.is_empty(), "{:?}", report.rejected);
         let surface = &fitted.model.surface;
@@ -191,7 +208,11 @@ fn a_sensor_that_understates_its_sigma_is_found_out() {
     let [good, bad] = &report.sensors[..] else {
         panic!("{:?}", report.sensors)
     };
-    assert!(!good.sigma_used_is_estimated && bad.sigma_used_is_estimated, "{:?}", report.sensors);
+    assert!(
+        !good.sigma_used_is_estimated && bad.sigma_used_is_estimated,
+        "{:?}",
+        report.sensors
+    );
     assert!((good.sigma_estimated / 0.01 - 1.0).abs() < 0.04, "{good:?}");
     assert!((bad.sigma_estimated / 0.06 - 1.0).abs() < 0.04, "{bad:?}");
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05);
@@ -219,7 +240,10 @@ fn closed_shapes_with_known_parameters_are_fitted() {
     let fitted = fit(&set_of(vec![(scan, None)]), &options, &Silent).unwrap();
     assert_eq!(fitted.model.measured_coordinates, Some([true; 3]));
     let report = &fitted.report;
-    assert!((report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02, "{report:?}");
+    assert!(
+        (report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02,
+        "{report:?}"
+    );
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");
     let surface = &fitted.model.surface;
     for leaf in (0..surface.space().leaves().len()).step_by(7) {
@@ -232,7 +256,9 @@ fn closed_shapes_with_known_parameters_are_fitted() {
 #[test]
 fn what_known_parameters_cannot_do_is_said() {
     let message = |scan: Scan, cells| {
-        let error = fit(&set_of(vec![(scan, None)]), &options(cells), &Silent).err().unwrap();
+        let error = fit(&set_of(vec![(scan, None)]), &options(cells), &Silent)
+            .err()
+            .unwrap();
         (error.kind(), error.to_string())
     };
     let good = || heights(50, 0.01, 1);
