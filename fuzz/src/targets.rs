@@ -7,10 +7,9 @@ use crate::valid;
 use planish::info::info;
 use planish::saved::{load_with_provenance, save};
 use planish_estimate::Result;
-use planish_exchange::ply::{
-    Column, MeshColumns, PolygonMesh, read_contents, read_mesh, read_scan, write_mesh, write_scan,
-};
-use planish_exchange::read_inputs;
+use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
+use planish_exchange::ply::{read_contents, read_scan, write_scan};
+use planish_exchange::{extension, read_inputs};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
@@ -45,6 +44,15 @@ pub const TARGETS: &[Target] = &[
     Target { name: "gzip",     file: "a.ply.gz",  valid: valid::ply_scans,  words: PLY,  mend: gzip,       read: scans },
     Target { name: "conf",     file: "a.conf",    valid: valid::lists,      words: LIST, mend: as_it_is,   read: scans },
     Target { name: "job",      file: "a.toml",    valid: valid::jobs,       words: JOB,  mend: as_it_is,   read: scans },
+    Target { name: "obj",      file: "a.obj",     valid: valid::objs,       words: OBJ,  mend: as_it_is,   read: mesh_and_back },
+    Target { name: "stl",      file: "a.stl",     valid: valid::stls,       words: STL,  mend: count_of_stl, read: mesh_and_back },
+    Target { name: "glb",      file: "a.glb",     valid: valid::glbs,       words: GLB,  mend: lengths_of_glb, read: mesh_and_back },
+    Target { name: "npy",      file: "a.npy",     valid: valid::npys,       words: NPY,  mend: as_it_is,   read: scans },
+    Target { name: "npz",      file: "a.npz",     valid: valid::npys,       words: NPY,  mend: npz,        read: scans },
+    Target { name: "e57",      file: "a.e57",     valid: valid::e57s,       words: XML,  mend: sums_of_e57, read: scans },
+    Target { name: "png",      file: "a.png",     valid: valid::pngs,       words: &[],  mend: sums_of_png, read: scans },
+    Target { name: "tiff",     file: "a.tif",     valid: valid::tiffs,      words: &[],  mend: as_it_is,   read: scans },
+    Target { name: "camera",   file: "a.toml",    valid: valid::cameras,    words: CAMERA, mend: as_it_is, read: image_beside },
     Target { name: "planish",  file: "a.planish", valid: valid::models,     words: JSON, mend: safetensors, read: model_and_back },
 ];
 
@@ -221,23 +229,95 @@ const JSON: &[&str] = &[
     "schema",
 ];
 
+const OBJ: &[&str] = &[
+    "v", "vn", "vt", "f", "l", "p", "o", "g", "s", "usemtl", "#", "unit", "mm", "/", "//", "-1", "\\\n", "\n",
+];
+const STL: &[&str] = &[
+    "solid", "facet", "normal", "outer", "loop", "vertex", "endloop", "endfacet", "endsolid", "unit=mm", "\n",
+];
+const GLB: &[&str] = &[
+    "\"asset\"",
+    "\"meshes\"",
+    "\"primitives\"",
+    "\"attributes\"",
+    "\"POSITION\"",
+    "\"NORMAL\"",
+    "\"indices\"",
+    "\"mode\"",
+    "\"accessors\"",
+    "\"bufferViews\"",
+    "\"byteStride\"",
+    "\"byteOffset\"",
+    "\"byteLength\"",
+    "\"componentType\"",
+    "5126",
+    "5125",
+    "5123",
+    "\"count\"",
+    "\"nodes\"",
+    "\"children\"",
+    "\"matrix\"",
+    "\"translation\"",
+    "\"scenes\"",
+    "\"sparse\"",
+    "null",
+    "[]",
+    "{}",
+    "[[[[[[[[",
+    "1e999",
+];
+const NPY: &[&str] = &[
+    "descr",
+    "fortran_order",
+    "shape",
+    "True",
+    "False",
+    "'<f8'",
+    "'>f4'",
+    "'|u1'",
+    "'<i8'",
+    "(",
+    ")",
+    ",",
+    "{",
+    "}",
+    "L",
+    "()",
+];
+const XML: &[&str] = &[
+    "<",
+    ">",
+    "/>",
+    "</",
+    "type=\"Float\"",
+    "type=\"Integer\"",
+    "type=\"ScaledInteger\"",
+    "minimum=",
+    "maximum=",
+    "scale=",
+    "precision=\"single\"",
+    "fileOffset=",
+    "recordCount=",
+    "cartesianX",
+    "sphericalRange",
+    "rowIndex",
+    "cartesianInvalidState",
+    "<![CDATA[",
+    "]]>",
+    "&amp;",
+    "&#0;",
+];
+const CAMERA: &[&str] = &[
+    "unit", "\"m\"", "fx", "fy", "cx", "cy", "scale", "sigma_a", "sigma_b", "=", "[a]", "\n",
+];
+
 fn as_it_is(_: &mut Vec<u8>, _: &mut ChaCha8Rng) {}
 
 /// Packs; every other time the packed bytes are damaged too.
 fn gzip(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     *bytes = valid::packed(bytes);
     if random.random() {
-        for _ in 0..random.random_range(1..4) {
-            let at = random.random_range(0..bytes.len());
-            match random.random_range(0..3) {
-                0 => bytes[at] = random.random(),
-                1 => bytes.truncate(at.max(1)),
-                _ => drop(bytes.drain(at..bytes.len().min(at + 4))),
-            }
-            if bytes.is_empty() {
-                return;
-            }
-        }
+        wear(bytes, random);
     }
 }
 
@@ -253,6 +333,95 @@ fn safetensors(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
         let length = (end + 2) as u64;
         bytes[..8].copy_from_slice(&length.to_le_bytes());
     }
+}
+
+/// Damages bytes that were packed.
+fn wear(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    for _ in 0..random.random_range(1..4) {
+        if bytes.is_empty() {
+            return;
+        }
+        let at = random.random_range(0..bytes.len());
+        match random.random_range(0..3) {
+            0 => bytes[at] = random.random(),
+            1 => bytes.truncate(at.max(1)),
+            _ => drop(bytes.drain(at..bytes.len().min(at + 4))),
+        }
+    }
+}
+
+/// Makes the count of triangles that of the bytes that follow, every other time.
+fn count_of_stl(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if bytes.len() < 84 || bytes.starts_with(b"solid ") || random.random() {
+        return;
+    }
+    let count = (bytes.len() - 84) / 50;
+    bytes.truncate(84 + 50 * count);
+    bytes[80..84].copy_from_slice(&(count as u32).to_le_bytes());
+}
+
+/// Makes the lengths of the file and its first chunk fit, every other time.
+#[allow(clippy::ptr_arg, reason = "everything that mends has one type")]
+fn lengths_of_glb(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if bytes.len() < 28 || random.random() {
+        return;
+    }
+    let whole = (bytes.len() as u32).to_le_bytes();
+    bytes[8..12].copy_from_slice(&whole);
+    if let Some(at) = bytes.windows(4).position(|w| w == b"BIN\0").filter(|&at| at >= 24) {
+        bytes[12..16].copy_from_slice(&((at - 24) as u32).to_le_bytes());
+    }
+}
+
+/// Puts the bytes into an archive; every other time the archive is damaged too.
+fn npz(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    *bytes = valid::archive(bytes, random.random());
+    if random.random() {
+        wear(bytes, random);
+    }
+}
+
+/// Makes the checksums of the pages fit, three times of four.
+#[allow(clippy::ptr_arg, reason = "everything that mends has one type")]
+fn sums_of_e57(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if random.random_range(0..4) == 0 {
+        return;
+    }
+    for page in bytes.as_chunks_mut::<1024>().0 {
+        let (body, sum) = page.split_at_mut(1020);
+        // CRC-32C, bit by bit.
+        let crc = body.iter().fold(u32::MAX, |crc, &byte| {
+            (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ (0x82f6_3b78 * (crc & 1)))
+        });
+        sum.copy_from_slice(&(!crc).to_be_bytes());
+    }
+}
+
+/// Makes the checksums of the chunks fit, every other time.
+#[allow(clippy::ptr_arg, reason = "everything that mends has one type")]
+fn sums_of_png(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if random.random() {
+        return;
+    }
+    let mut rest = bytes.get_mut(8..).unwrap_or_default();
+    while let Some((&length, _)) = rest.split_first_chunk::<4>() {
+        let end = (u32::from_be_bytes(length) as usize).saturating_add(8);
+        let Some((chunk, after)) = rest.split_at_mut_checked(end) else {
+            return;
+        };
+        let Some((sum, next)) = after.split_first_chunk_mut::<4>() else {
+            return;
+        };
+        let mut crc = flate2::Crc::new();
+        crc.update(&chunk[4..]);
+        *sum = crc.sum().to_be_bytes();
+        rest = next;
+    }
+}
+
+/// Reads the image whose camera a file describes.
+fn image_beside(path: &Path) -> Result<()> {
+    scans(&beside(path, "a.png"))
 }
 
 fn scans(path: &Path) -> Result<()> {
@@ -282,19 +451,23 @@ fn scan_and_back(path: &Path) -> Result<()> {
 }
 
 fn mesh_and_back(path: &Path) -> Result<()> {
-    let mesh = read_mesh(path)?;
-    // What a mesh is asked by everyone who uses it.
+    // A mesh may be read as points, and is asked what it holds by everyone who uses it.
+    let as_points = scans(path);
     let described = info(path, None);
-    let (first, second) = (beside(path, "first.ply"), beside(path, "second.ply"));
+    let mesh = read_mesh(path)?;
+    let name = |name: &str| beside(path, name).with_extension(extension(path));
+    let (first, second, third) = (name("first"), name("second"), name("third"));
     // Names that are not one plain word are read and not written.
     if write(&mesh, &first).is_ok() {
+        // The first time some formats round.
         write(&read_mesh(&first)?, &second)?;
+        write(&read_mesh(&second)?, &third)?;
         assert!(
-            bytes_of(&first) == bytes_of(&second),
+            bytes_of(&second) == bytes_of(&third),
             "a mesh that was written reads as another"
         );
     }
-    described.map(drop)
+    as_points.and(described.map(drop))
 }
 
 fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {

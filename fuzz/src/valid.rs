@@ -9,7 +9,8 @@ use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish::saved::save;
 use planish_estimate::{Error, Result};
-use planish_exchange::ply::{Column, MeshColumns, write_mesh, write_scan};
+use planish_exchange::mesh::{Column, MeshColumns};
+use planish_exchange::ply::{write_mesh, write_scan};
 use planish_exchange::{Unit, read_inputs};
 use planish_sense::{RangeGrid, Scan};
 use std::fmt::Write as _;
@@ -278,4 +279,209 @@ pub fn packed(bytes: &[u8]) -> Vec<u8> {
     // Neither fails in memory.
     let _ = encoder.write_all(bytes);
     encoder.finish().unwrap_or_default()
+}
+
+/// What lists, jobs and cameras name: files beside the one that is read.
+pub fn neighbours() -> Result<Vec<(&'static str, Vec<u8>)>> {
+    let points = b"0 0 0\n1 0 0\n0 1 0\n".to_vec();
+    Ok(vec![
+        ("good.xyz", points.clone()),
+        ("a scan.xyz", points),
+        ("a.png", pngs()?.swap_remove(0)),
+        ("a.toml", cameras()?.swap_remove(0)),
+    ])
+}
+
+/// Four triangles over a square, as a format writes them.
+fn square(name: &str) -> Result<Vec<u8>> {
+    let points = points(3);
+    let normals = vec![[0.0, 0.0, 1.0]; 9];
+    let mesh = MeshColumns {
+        points: &points,
+        normals: Some(&normals),
+        columns: vec![("sigma", Column::F64(&[0.1; 9]))],
+        triangles: &[
+            [0, 1, 3],
+            [1, 4, 3],
+            [1, 2, 4],
+            [4, 2, 5],
+            [3, 4, 6],
+            [4, 7, 6],
+            [4, 5, 7],
+            [5, 8, 7],
+        ],
+        unit: Some(Unit::Metre),
+    };
+    written(|path| planish_exchange::mesh::write_mesh(path, &mesh), name)
+}
+
+/// OBJ of ours and of others.
+pub fn objs() -> Result<Vec<Vec<u8>>> {
+    let other = "# made elsewhere\nmtllib a.mtl\no thing\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvn 0 0 1\n\
+                 f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4//-1 -3//-1 \\\n-1//-1\nl 1 2\ns off\n";
+    Ok(vec![square("a.obj")?, other.as_bytes().to_vec()])
+}
+
+/// STL in binary and text.
+pub fn stls() -> Result<Vec<Vec<u8>>> {
+    let facet = |z: f64| {
+        format!(
+            "facet normal 0 0 1\n outer loop\n  vertex 0 0 {z}\n  vertex 1 0 {z}\n  vertex 0 1e0 {z}\n endloop\nendfacet\n"
+        )
+    };
+    let text = format!("solid thing\n{}{}endsolid thing\n", facet(0.0), facet(1.5));
+    Ok(vec![square("a.stl")?, text.into_bytes()])
+}
+
+/// GLB as we write it.
+pub fn glbs() -> Result<Vec<Vec<u8>>> {
+    Ok(vec![square("a.glb")?])
+}
+
+/// An array as NumPy writes it.
+fn array(number: &str, columns_first: &str, shape: &str, body: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{number}', 'fortran_order': {columns_first}, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.bytes());
+    bytes.extend(body);
+    bytes
+}
+
+/// Arrays of points, plain and organised.
+pub fn npys() -> Result<Vec<Vec<u8>>> {
+    let rows: Vec<u8> = points(4).iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+    let single: Vec<u8> = points(2)
+        .iter()
+        .flatten()
+        .flat_map(|c| (*c as f32).to_be_bytes())
+        .collect();
+    Ok(vec![
+        array("<f8", "False", "(16, 3)", &rows),
+        array("<f8", "False", "(4, 4, 3)", &rows),
+        array(">f4", "True", "(4, 3)", &single),
+    ])
+}
+
+/// An array in an archive, beside another.
+pub fn archive(array: &[u8], packed: bool) -> Vec<u8> {
+    use zip::write::SimpleFileOptions;
+    use zip::{CompressionMethod, ZipWriter};
+    let method = if packed {
+        CompressionMethod::Deflated
+    } else {
+        CompressionMethod::Stored
+    };
+    let options = SimpleFileOptions::default().compression_method(method);
+    let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+    for name in ["points.npy", "normals.npy"] {
+        // Neither fails in memory.
+        let _ = writer.start_file(name, options);
+        let _ = writer.write_all(array);
+    }
+    writer.finish().map(Cursor::into_inner).unwrap_or_default()
+}
+
+/// A file of two clouds, Cartesian with a pose and spherical with a grid.
+pub fn e57s() -> Result<Vec<Vec<u8>>> {
+    use e57::{E57Writer, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+    let failed = |e: e57::Error| Error::io("no E57").with_source(e);
+    let double = |name| Record {
+        name,
+        data_type: RecordDataType::F64,
+    };
+    let whole = |name, max| Record {
+        name,
+        data_type: RecordDataType::Integer { min: 0, max },
+    };
+    let write = |path: &Path| -> e57::Result<()> {
+        let mut writer = E57Writer::from_file(path, "file")?;
+        let cartesian = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+        let mut records: Vec<Record> = cartesian.map(double).into();
+        records.push(whole(RecordName::CartesianInvalidState, 2));
+        let mut cloud = writer.add_pointcloud("first", records)?;
+        cloud.set_transform(Some(Transform {
+            rotation: Quaternion {
+                w: 0.6,
+                x: 0.0,
+                y: 0.0,
+                z: 0.8,
+            },
+            translation: Translation {
+                x: 10.0,
+                y: 20.0,
+                z: 30.0,
+            },
+        }));
+        for point in points(3) {
+            let mut values: Vec<RecordValue> = point.map(RecordValue::Double).into();
+            values.push(RecordValue::Integer(0));
+            cloud.add_point(values)?;
+        }
+        cloud.finalize()?;
+        let spherical = [
+            RecordName::SphericalRange,
+            RecordName::SphericalAzimuth,
+            RecordName::SphericalElevation,
+        ];
+        let mut records: Vec<Record> = spherical.map(double).into();
+        records.extend([whole(RecordName::RowIndex, 1), whole(RecordName::ColumnIndex, 2)]);
+        let mut cloud = writer.add_pointcloud("second", records)?;
+        for k in 0..5_i64 {
+            let mut values: Vec<RecordValue> = [2.0, 0.1 * k as f64, 0.2].map(RecordValue::Double).into();
+            values.extend([k / 3, k % 3].map(RecordValue::Integer));
+            cloud.add_point(values)?;
+        }
+        cloud.finalize()?;
+        writer.finalize()
+    };
+    Ok(vec![written(|path| write(path).map_err(failed), "a.e57")?])
+}
+
+/// Depth images of 16 and 8 bits.
+pub fn pngs() -> Result<Vec<Vec<u8>>> {
+    let image = |depth, body: &[u8]| -> std::result::Result<Vec<u8>, png::EncodingError> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, 4, 3);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(depth);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(body)?;
+        writer.finish()?;
+        Ok(bytes)
+    };
+    let failed = |e: png::EncodingError| Error::io("no PNG").with_source(e);
+    let wide: Vec<u8> = (0..12_u16).flat_map(|k| (900 * k).to_be_bytes()).collect();
+    let narrow: Vec<u8> = (0..12).collect();
+    Ok(vec![
+        image(png::BitDepth::Sixteen, &wide).map_err(failed)?,
+        image(png::BitDepth::Eight, &narrow).map_err(failed)?,
+    ])
+}
+
+/// Depth images of 16 bits and of floating point.
+pub fn tiffs() -> Result<Vec<Vec<u8>>> {
+    use tiff::encoder::{TiffEncoder, colortype};
+    let failed = |e: tiff::TiffError| Error::io("no TIFF").with_source(e);
+    let (mut wide, mut floating) = (Cursor::new(Vec::new()), Cursor::new(Vec::new()));
+    let depths: Vec<u16> = (0..12).map(|k| 900 * k).collect();
+    let mut encoder = TiffEncoder::new(&mut wide).map_err(failed)?;
+    encoder
+        .write_image::<colortype::Gray16>(4, 3, &depths)
+        .map_err(failed)?;
+    let depths: Vec<f32> = depths.iter().map(|&d| f32::from(d) + 0.5).collect();
+    let mut encoder = TiffEncoder::new(&mut floating).map_err(failed)?;
+    encoder
+        .write_image::<colortype::Gray32Float>(4, 3, &depths)
+        .map_err(failed)?;
+    Ok(vec![wide.into_inner(), floating.into_inner()])
+}
+
+/// Calibrations of a depth camera.
+pub fn cameras() -> Result<Vec<Vec<u8>>> {
+    let full = "unit = \"m\"\nfx = 2\nfy = 2.5\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
+    Ok(vec![
+        full.as_bytes().to_vec(),
+        b"fx = 500\nfy = 500\ncx = 2\ncy = 1\n".to_vec(),
+    ])
 }

@@ -3,7 +3,10 @@
 //! Comes in: a target and a number of cases. Goes out: a [`Report`], and for every failure the smallest input found that still fails.
 
 use crate::targets::Target;
+use crate::valid;
 use crate::worker::{MOST_TIME, Tally, case_bytes};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,6 +15,8 @@ use std::time::{Duration, Instant};
 
 /// Workers that die more often than this are one bug.
 const MOST_DEATHS: usize = 20;
+/// Attempts at mending a valid file so that it is one.
+const MOST_MENDED: u64 = 64;
 /// Attempts at a smaller input.
 const MOST_ATTEMPTS: usize = 400;
 
@@ -49,18 +54,28 @@ fn wait(child: &mut Child, most: Duration, mut watched: impl FnMut() -> u64) -> 
 /// # Errors
 /// When a process cannot be started or a file of ours cannot be written.
 pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
-    let valid = (target.valid)().map_err(io::Error::other)?;
+    let files = (target.valid)().map_err(io::Error::other)?;
     fs::create_dir_all(folder.join("files"))?;
-    for (k, bytes) in valid.iter().enumerate() {
+    for (k, bytes) in files.iter().enumerate() {
         fs::write(folder.join(format!("valid-{k}")), bytes)?;
     }
-    // What lists name.
-    for name in ["good.xyz", "a scan.xyz"] {
-        fs::write(folder.join("files").join(name), "0 0 0\n1 0 0\n0 1 0\n")?;
+    for (name, bytes) in valid::neighbours().map_err(io::Error::other)? {
+        fs::write(folder.join("files").join(name), bytes)?;
     }
-    for bytes in &valid {
-        fs::write(folder.join("files").join(target.file), bytes)?;
-        (target.read)(&folder.join("files").join(target.file)).map_err(io::Error::other)?;
+    // What is mended is packed too, and may be damaged on the way.
+    let path = folder.join("files").join(target.file);
+    let mut read = Ok(());
+    for bytes in &files {
+        for seed in 0..MOST_MENDED {
+            let mut bytes = bytes.clone();
+            (target.mend)(&mut bytes, &mut ChaCha8Rng::seed_from_u64(seed));
+            fs::write(&path, bytes)?;
+            read = (target.read)(&path);
+            if read.is_ok() {
+                break;
+            }
+        }
+        read.as_ref().map_err(|e| io::Error::other(e.to_string()))?;
     }
     let mut tally = Tally::default();
     let mut deaths: Vec<(u64, String)> = Vec::new();
@@ -102,7 +117,7 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
         Ok(())
     };
     for (case, death) in deaths {
-        keep(case, death, case_bytes(target, &valid, seed, case))?;
+        keep(case, death, case_bytes(target, &files, seed, case))?;
     }
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();

@@ -9,12 +9,14 @@
 //! Not guaranteed: depth is along the camera's axis, not along the ray. A reading of 0, below it, or not finite is none: the cell is empty, and counts as a point
 //! that is not finite.
 
+mod tags;
+
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, Result};
 use planish_sense::{Scan, Viewing};
-use tiff::decoder::{Decoder as TiffDecoder, DecodingResult};
+use tiff::decoder::{Decoder as TiffDecoder, DecodingResult, Limits};
 use tiff::{ColorType as TiffColor, TiffError};
 
 use crate::Unit;
@@ -189,16 +191,34 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     })
 }
 
-fn read_tiff(file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
+/// Memory in proportion to the file: the decoder takes what the header asks for before it reads.
+fn tiff_limits(length: Option<u64>) -> Limits {
+    let mut limits = Limits::default();
+    if let Some(length) = length {
+        let unpacked = usize::try_from(length.saturating_mul(MOST_EXPANSION)).unwrap_or(usize::MAX);
+        // A pixel takes eight bytes at most.
+        limits.decoding_buffer_size = limits.decoding_buffer_size.min(unpacked.saturating_mul(8));
+        limits.intermediate_buffer_size = limits.intermediate_buffer_size.min(unpacked.saturating_mul(8));
+        limits.ifd_value_size = limits.ifd_value_size.min(usize::try_from(length).unwrap_or(usize::MAX));
+    }
+    limits
+}
+
+fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
     let damaged = |e: TiffError| match e {
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
             Error::io("could not be read").with_source(e)
         }
-        TiffError::LimitsExceeded => Error::unsupported("a TIFF image of more than 256 MiB: write it in parts"),
+        TiffError::LimitsExceeded => Error::unsupported(
+            "a TIFF image of more than 256 MiB, or of more than its file can hold: write it in parts, or anew",
+        ),
         TiffError::UnsupportedError(_) => Error::unsupported("a TIFF image of a kind that is not read").with_source(e),
         e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
     };
-    let mut decoder = TiffDecoder::new(file).map_err(damaged)?;
+    tags::check(&mut file)?;
+    let mut decoder = TiffDecoder::new(file)
+        .map_err(damaged)?
+        .with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
     check_promise(columns, rows, length)?;
     match decoder.colortype().map_err(damaged)? {

@@ -162,3 +162,30 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn tags_and_sizes_that_a_tiff_cannot_hold_are_refused_before_they_take_memory() {
+    let whole = tiff32();
+    let read = |bytes: &[u8]| read_tiff(Cursor::new(bytes.to_vec()), Some(bytes.len() as u64));
+    assert_eq!(read(&whole).unwrap().readings.len(), 6);
+    let number = |at: usize| u32::from_le_bytes(whole[at..at + 4].try_into().unwrap()) as usize;
+    let first = number(4);
+    let tags = usize::from(whole[first]);
+    // A tag of two bytes, a type of two, a count, a value.
+    for at in (0..tags).map(|k| first + 2 + 12 * k) {
+        let mut bomb = whole.clone();
+        bomb[at + 4..at + 8].copy_from_slice(&8_000_000_u32.to_le_bytes());
+        let e = read(&bomb).err().expect("a damaged tag");
+        assert!(
+            e.kind() == ErrorKind::Input && e.to_string().contains("promises 8000000 values"),
+            "{e}"
+        );
+    }
+    let mut bomb = whole.clone();
+    let rows = (0..tags)
+        .map(|k| first + 2 + 12 * k)
+        .find(|&at| whole[at..at + 2] == [1, 1])
+        .unwrap();
+    bomb[rows + 8..rows + 12].copy_from_slice(&80_000_u32.to_le_bytes());
+    assert!(read(&bomb).is_err());
+}

@@ -1,0 +1,64 @@
+//! What the tags of a TIFF image promise, against what the file can hold.
+//!
+//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file stands at its beginning again.
+//! Not guaranteed: that the image can be decoded. What cannot be understood here is left to the decoder, which says why.
+//!
+//! # References
+//! Adobe, *TIFF 6.0*, 1992; *BigTIFF*, 2007: the same with counts and places of eight bytes.
+
+use std::io::{self, Read, Seek, SeekFrom};
+
+use planish_estimate::{Error, Result};
+
+use crate::numbers::NumberType;
+
+/// Refuses tags of more values than the file has bytes: the decoder takes memory for them before it reads.
+pub(super) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
+    let failed = |e: io::Error| Error::io("could not be read").with_source(e);
+    let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
+    file.rewind().map_err(failed)?;
+    // A file that ends among its tags is the decoder's to refuse.
+    let found = too_many(file, length).unwrap_or(None);
+    file.rewind().map_err(failed)?;
+    match found {
+        Some((tag, count)) => Err(Error::input(format!(
+            "the tag {tag} promises {count} values, but the file has {length} bytes: it is damaged or cut off"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// The first tag of the first image with more values than the file has bytes.
+fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64, u64)>> {
+    let mut order = [0; 2];
+    file.read_exact(&mut order)?;
+    let big = order == *b"MM";
+    let whole = |file: &mut R, number: NumberType| -> io::Result<u64> {
+        let mut bytes = [0; 8];
+        let bytes = &mut bytes[..number.size()];
+        file.read_exact(bytes)?;
+        // Beyond 2⁵³ the last digits are lost, which no limit minds.
+        Ok(match big {
+            true => number.decode::<true>(bytes),
+            false => number.decode::<false>(bytes),
+        } as u64)
+    };
+    let wide = whole(file, NumberType::U16)? == 43;
+    let place = if wide { NumberType::U64 } else { NumberType::U32 };
+    if wide {
+        file.seek(SeekFrom::Current(4))?;
+    }
+    let first = whole(file, place)?;
+    file.seek(SeekFrom::Start(first))?;
+    let tags = whole(file, if wide { NumberType::U64 } else { NumberType::U16 })?;
+    for _ in 0..tags {
+        let tag = whole(file, NumberType::U16)?;
+        file.seek(SeekFrom::Current(2))?;
+        let count = whole(file, place)?;
+        file.seek(SeekFrom::Current(place.size() as i64))?;
+        if count > length {
+            return Ok(Some((tag, count)));
+        }
+    }
+    Ok(None)
+}
