@@ -171,9 +171,13 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
         return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
     }
-    let area = width
-        .zip(height.or(Some(1)))
-        .and_then(|(w, h): (u64, u64)| w.checked_mul(h));
+    let area = match (width, height.unwrap_or(1)) {
+        (Some(w), h) => Some(u64::checked_mul(w, h).ok_or_else(|| {
+            Error::input(format!("WIDTH {w} times HEIGHT {h} is more points than can be counted"))
+        })?),
+        (None, 1) => None,
+        (None, h) => return Err(Error::input(format!("the header has `HEIGHT` {h}, but no `WIDTH`"))),
+    };
     let points = match (points, area) {
         (Some(points), Some(area)) if points != area => {
             return Err(Error::input(format!(
