@@ -128,6 +128,8 @@ impl SmoothnessModel {
 pub struct SmoothnessSearch {
     /// The first weight to try.
     pub start: f64,
+    /// The first step of `log w`: what the start may well be off by. Steps double until the likelihood falls.
+    pub step: f64,
     /// The least and the greatest weight to consider.
     pub bounds: (f64, f64),
     /// Settled when `log w` is known to this.
@@ -142,6 +144,7 @@ impl SmoothnessSearch {
     pub fn from_start(start: f64) -> Self {
         Self {
             start,
+            step: 2.0,
             bounds: (1e-16 * start, 1e16 * start),
             tolerance: 0.01,
             max_evaluations: 60,
@@ -150,7 +153,7 @@ impl SmoothnessSearch {
 
     fn validate(&self) -> Result<()> {
         let (low, high) = self.bounds;
-        if low > 0.0 && low <= self.start && self.start <= high && high.is_finite() && self.tolerance > 0.0 {
+        if low > 0.0 && low <= self.start && self.start <= high && high.is_finite() && self.tolerance > 0.0 && self.step > 0.0 {
             Ok(())
         } else {
             Err(Error::input(format!(
@@ -241,11 +244,11 @@ pub fn maximize_restricted_likelihood(
     let (lowest, highest) = (search.bounds.0.ln(), search.bounds.1.ln());
     let mut evaluated = |at: f64| value_at(at).map(|value| Evaluated { at, value });
     let start = evaluated(search.start.ln())?;
-    let first = evaluated((start.at + 2.0).min(highest))?;
+    let first = evaluated((start.at + search.step).min(highest))?;
     // Walk uphill with growing steps until the likelihood falls again or a bound is met.
     let is_uphill = first.value >= start.value && first.at > start.at;
     let (mut behind, mut inner) = if is_uphill { (start, first) } else { (first, start) };
-    let mut step = if is_uphill { 2.0 } else { -2.0 };
+    let mut step = if is_uphill { search.step } else { -search.step };
     let mut left = search.max_evaluations.saturating_sub(2);
     let mut settled = false;
     while left > 0 {

@@ -235,9 +235,10 @@ impl<'a> Posterior<'a> {
             .with_min_len(64)
             .filter(|&leaf| observed[leaf] || !any)
             .map(|leaf| {
-                let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
-                let sigma = Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], normal);
-                Ok((sigma, surface.leaf_area(leaf)))
+                let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+                let sigma = Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
+                let side = surface.space().leaves()[leaf].side();
+                Ok((sigma, jet.area_element() * side * side))
             })
             .collect::<Result<_>>()?;
         by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);

@@ -177,18 +177,24 @@ impl CellInformation {
 pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) -> Vec<f64> {
     let (nodes, weights) = space.extraction(leaf);
     let n = nodes.len();
+    // Most weights are zero: away from changes of level each node is one coefficient.
+    let mut sparse = Vec::with_capacity(2 * n);
+    let mut start = Vec::with_capacity(n + 1);
+    for w in weights {
+        start.push(sparse.len());
+        sparse.extend(w.iter().copied().enumerate().filter(|(_, w)| *w != 0.0));
+    }
+    start.push(sparse.len());
     let mut matrix = vec![0.0; n * n];
     for a in 0..n {
         let mut half = [0.0; 16];
-        for k in 0..16 {
-            if weights[a][k] != 0.0 {
-                for l in 0..16 {
-                    half[l] += weights[a][k] * form[k][l];
-                }
+        for &(k, w) in &sparse[start[a]..start[a + 1]] {
+            for (half, f) in half.iter_mut().zip(&form[k]) {
+                *half += w * f;
             }
         }
         for b in 0..=a {
-            let value = (0..16).map(|l| weights[b][l] * half[l]).sum();
+            let value = (sparse[start[b]..start[b + 1]].iter()).map(|&(l, w)| w * half[l]).sum();
             matrix[a * n + b] = value;
             matrix[b * n + a] = value;
         }

@@ -155,18 +155,48 @@ impl SelectedInverse {
 
     /// As [`Self::dense`], into memory that is used again; false when some pair is not in the factor.
     pub fn dense_into(&self, nodes: &[u32], covariance: &mut Vec<f64>) -> bool {
-        let b = self.symbolic.block_size();
+        let symbolic = &*self.symbolic;
+        let b = symbolic.block_size();
         let stride = nodes.len() * b;
         covariance.clear();
         covariance.resize(stride * stride, 0.0);
-        for (a, &i) in nodes.iter().enumerate() {
-            for (c, &j) in nodes[..=a].iter().enumerate() {
-                if !self.copy_block(i, j, &mut covariance[a * b * stride + c * b..], stride) {
-                    return false;
+        if nodes.iter().any(|&node| node as usize >= symbolic.new_from_old.len()) {
+            return false;
+        }
+        let mut order: Vec<(u32, usize)> = (nodes.iter().enumerate())
+            .map(|(a, &node)| (symbolic.new_from_old[node as usize], a))
+            .collect();
+        order.sort_unstable();
+        // Columns of one supernode have their rows at the same places: they are looked for once.
+        let mut places = vec![0; order.len()];
+        let mut supernode = usize::MAX;
+        for (c, &(column, across)) in order.iter().enumerate() {
+            let s = symbolic.supernode_of[column as usize] as usize;
+            let (begin, end) = (symbolic.supernode_start[s], symbolic.supernode_start[s + 1]);
+            let rows = symbolic.rows(s);
+            let own = (end - begin) as usize;
+            if s != supernode {
+                supernode = s;
+                for (place, &(row, _)) in places[c..].iter_mut().zip(&order[c..]) {
+                    *place = if row < end {
+                        (row - begin) as usize
+                    } else {
+                        match rows.binary_search(&row) {
+                            Ok(found) => own + found,
+                            Err(_) => return false,
+                        }
+                    };
                 }
+            }
+            let height = (own + rows.len()) * b;
+            let offset = symbolic.value_start[s] + (column - begin) as usize * b * height;
+            for (&place, &(_, down)) in places[c..].iter().zip(&order[c..]) {
+                let block = offset + place * b;
                 for r in 0..b {
-                    for s in 0..b {
-                        covariance[(c * b + s) * stride + a * b + r] = covariance[(a * b + r) * stride + c * b + s];
+                    for q in 0..b {
+                        let value = self.values[block + q * height + r];
+                        covariance[(down * b + r) * stride + across * b + q] = value;
+                        covariance[(across * b + q) * stride + down * b + r] = value;
                     }
                 }
             }

@@ -12,7 +12,7 @@ use super::finish::{pose_reports, warnings};
 use super::noise::kept_variance;
 use super::observations::{Rejection, hash01};
 use super::smoothing::{Smoothing, Totals, reference_surface};
-use super::stages::{leaf_areas, neighbourhood};
+use super::stages::neighbourhood;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{NodeCovariance, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
@@ -20,7 +20,7 @@ use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
 use planish_exchange::{ScanSet, Unit};
 use planish_mesh::BoundingBox;
-use planish_sense::Noise;
+use planish_sense::{Noise, Pose};
 use planish_spline::{Hierarchy, PositionReading, PositionSums, Shape, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -30,9 +30,12 @@ use std::sync::Arc;
 /// Readings that one task looks at.
 const TASK: usize = 1 << 13;
 /// So many held-out readings judge any fit.
-const ENOUGH_HELD_OUT: f64 = 5_000.0;
+const ENOUGH_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to find the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
+/// Cells along each side, and readings, that are enough to find about the weight of the prior.
+const COARSE: usize = 20;
+const ENOUGH_FOR_WEIGHT: usize = 40_000;
 /// Rounds of weighing and gating, and what must change for another: shares of a variance, and of the readings.
 const MOST_ROUNDS: usize = 8;
 const SETTLED_VARIANCE: f64 = 0.01;
@@ -62,6 +65,10 @@ struct Readings<'a> {
     gated: Vec<Vec<u32>>,
     /// Whether a sensor's σ was stated.
     stated: Vec<bool>,
+    /// Each sensor's 1/variance where its scans state no σ: 1 where nobody does.
+    information: Vec<f64>,
+    /// Whether a scan has a pose to be carried along by.
+    is_moved: Vec<bool>,
 }
 
 /// One reading in the world.
@@ -109,9 +116,10 @@ impl<'a> Readings<'a> {
             }
         }
         for posed in &set.scans {
-            let outside = |p: &[f64; 2]| !p.iter().all(|x| (0.0..=1.0).contains(x));
+            let inside = |p: &[f64; 2]| (0.0..=1.0).contains(&p[0]) & (0.0..=1.0).contains(&p[1]);
             if let Some(all) = &posed.scan.parameters
-                && let Some(k) = all.par_iter().position_first(outside)
+                && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
+                && let Some(k) = all.iter().position(|p| !inside(p))
             {
                 return Err(Error::input(format!(
                     "{}: needed u and v in [0, 1], found ({}, {}) (point {k})",
@@ -126,6 +134,15 @@ impl<'a> Readings<'a> {
             held_out_share: options.held_out_share.min(ENOUGH_HELD_OUT / total as f64),
             gated: vec![Vec::new(); set.scans.len()],
             stated,
+            information: (set.sensors.iter())
+                .map(|sensor| match sensor.noise {
+                    Some(Noise::Isotropic { sigma }) => 1.0 / (sigma * sigma),
+                    _ => 1.0,
+                })
+                .collect(),
+            is_moved: (set.scans.iter())
+                .map(|posed| posed.scan.world_from_scanner != Pose::identity())
+                .collect(),
         })
     }
 
@@ -134,16 +151,18 @@ impl<'a> Readings<'a> {
         let posed = &self.set.scans[s];
         let scan = &posed.scan;
         let at = scan.parameters.as_ref().map_or([f64::NAN; 2], |all| all[k]);
-        let sigma = match (&scan.sigma, self.set.sensors[posed.sensor].noise) {
-            (Some(all), _) => all[k],
-            (None, Some(Noise::Isotropic { sigma })) => sigma,
-            (None, _) => 1.0,
-        };
+        let sigma = scan.sigma.as_ref().map_or(1.0, |all| all[k]);
         let held_out = self.held_out_share > 0.0 && hash01(self.options.seed, s as u64, k as u64) < self.held_out_share;
         Reading {
             at: [at[0] * self.cells[0], at[1] * self.cells[1]],
-            point: scan.world_from_scanner.apply(scan.points[k]),
-            information: 1.0 / (sigma * sigma),
+            point: match self.is_moved[s] {
+                true => scan.world_from_scanner.apply(scan.points[k]),
+                false => scan.points[k],
+            },
+            information: match scan.sigma {
+                Some(_) => 1.0 / (sigma * sigma),
+                None => self.information[posed.sensor],
+            },
             role: if held_out {
                 Role::HeldOut
             } else if self.gated[s].binary_search(&(k as u32)).is_ok() {
@@ -183,6 +202,34 @@ impl<'a> Readings<'a> {
                 .map_err(|e| e.in_context(&posed.scan.name))?;
         }
         Ok(sums)
+    }
+
+    /// About the weight of the prior, by a sample of the readings on a coarse grid; none where that is no cheaper, or has no metric yet.
+    fn first_weight(&self, space: &Hierarchy) -> Result<Option<f64>> {
+        let [nu, nv] = space.base();
+        if space.shape() != Shape::Sheet || nu * nv <= 4 * COARSE * COARSE {
+            return Ok(None);
+        }
+        let cells = [nu.min(COARSE), nv.min(COARSE)];
+        let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, cells)?);
+        let mut sums = PositionSums::new(&coarse);
+        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        let step = (total / ENOUGH_FOR_WEIGHT).max(1);
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            sums.add_from(posed.scan.points.len() / step, |k| {
+                let reading = self.reading(s, k * step);
+                (reading.role == Role::Fitted).then(|| PositionReading {
+                    parameters: std::array::from_fn(|d| reading.at[d] * cells[d] as f64 / self.cells[d]),
+                    position: reading.point,
+                    information: reading.information,
+                })
+            })?;
+        }
+        let system = SurfaceSystem::new(&coarse)?;
+        // What is too little for a first guess may be enough for the fit.
+        let found = Totals::new(&[sums], &[1.0], &system)
+            .and_then(|total| Smoothing::new(&system, &reference_surface(&coarse, &total.sums)?, &total, None));
+        Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
 
     /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals of those inside sum up to.
@@ -375,12 +422,13 @@ pub(super) fn fit_known(
         let total = Totals::new(&sums, &variances, &system)?;
         let next = match smoothing.take() {
             None => {
-                let first = Smoothing::new(&system, &reference_surface(&space, &total.sums)?, &total)?;
+                let start = readings.first_weight(&space)?;
+                let first = Smoothing::new(&system, &reference_surface(&space, &total.sums)?, &total, start)?;
                 if shape == Shape::Sheet {
                     first
                 } else {
                     // The metric of a closed shape is not known before there is one.
-                    Smoothing::new(&system, &first.surface(&system, &total)?, &total)?
+                    Smoothing::new(&system, &first.surface(&system, &total)?, &total, None)?
                 }
             }
             Some(earlier) => earlier.again(&system, &total)?,
@@ -523,7 +571,9 @@ impl Solved {
         progress.check("figures", 0.9)?;
         let held_out = readings.judge(&evaluation, &posterior, scale, &variances)?;
         let sigma = posterior.sigma_summary(&model.observed)?;
-        let areas = leaf_areas(&model.surface);
+        let areas: Vec<f64> = (0..model.observed.len())
+            .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
+            .collect();
         let observed_area: f64 = areas
             .iter()
             .zip(&model.observed)

@@ -13,7 +13,10 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// How well `log w` is settled: its standard error is rarely below a tenth.
-const TOLERANCE: f64 = 0.02;
+const TOLERANCE: f64 = 0.03;
+/// First steps of `log w`, from a weight that was found and from a guess.
+const NEAR: f64 = 0.5;
+const FAR: f64 = 2.0;
 /// A coordinate is an affine function of the parameters where its variance about one is less than this share of its own.
 const EXACT_SHARE: f64 = 1e-12;
 
@@ -54,8 +57,13 @@ pub(super) struct Smoothing {
 }
 
 impl Smoothing {
-    /// Finds the weight in the metric of a reference surface.
-    pub(super) fn new(system: &SurfaceSystem, reference: &Surface, total: &Totals) -> Result<Self> {
+    /// Finds the weight in the metric of a reference surface, from a weight that is about right where one is known.
+    pub(super) fn new(
+        system: &SurfaceSystem,
+        reference: &Surface,
+        total: &Totals,
+        known: Option<f64>,
+    ) -> Result<Self> {
         let space = system.space();
         let leaves = space.leaves().len();
         let (energy, area) = if space.shape() == Shape::Sheet {
@@ -71,13 +79,14 @@ impl Smoothing {
         // Smooth over one cell to begin with.
         let readings: f64 = total.sums.weight();
         let start = readings / area * (area / leaves as f64).powi(2);
-        Self::search(system, energy, total, None, start)
+        let step = if known.is_some() { NEAR } else { FAR };
+        Self::search(system, energy, total, None, known.unwrap_or(start), step)
     }
 
     /// The same with other readings: starts from the weight found before.
     pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = self.found.weight;
-        Self::search(system, self.energy, total, Some(self.factor), start)
+        Self::search(system, self.energy, total, Some(self.factor), start, NEAR)
     }
 
     fn search(
@@ -86,6 +95,7 @@ impl Smoothing {
         total: &Totals,
         earlier: Option<CholeskyFactor>,
         start: f64,
+        step: f64,
     ) -> Result<Self> {
         if !(start > 0.0 && start.is_finite()) {
             return Err(Error::undetermined("the readings span no area"));
@@ -107,6 +117,7 @@ impl Smoothing {
         };
         let search = SmoothnessSearch {
             tolerance: TOLERANCE,
+            step,
             ..SmoothnessSearch::from_start(start)
         };
         let vector = total.information.vector();
