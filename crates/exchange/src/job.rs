@@ -456,7 +456,7 @@ viewpoint = [0, 0, 300]
                 "needed a direction",
             ),
             ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 22, "found both"),
-            ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m` or `in`"),
+            ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m`, `in` or `ft`"),
             ("file = \"p.csv\"", "", 19, "missing field `file`"),
             ("sensor = \"probe\"\n", "", 19, "needs a `sensor`"),
             ("[[scan]]", "[[scan]", 13, ""),
