@@ -476,8 +476,10 @@ mod tests {
     #[test]
     fn sizes_that_contradict_each_other_are_refused() {
         let text = String::from_utf8(text()).unwrap();
-        let height = text.replace("HEIGHT 2", "HEIGHT 9223372036854775807");
-        assert!(message(height.as_bytes()).contains("no file holds 2 times 9223372036854775807 points"));
+        let height = text
+            .replace("WIDTH 2", "WIDTH 3")
+            .replace("HEIGHT 2", "HEIGHT 9223372036854775807");
+        assert!(message(height.as_bytes()).contains("no file holds 3 times 9223372036854775807 points"));
         assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("`HEIGHT`, but no `WIDTH`"));
         let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");
         assert!(read(plain.as_bytes()).unwrap().grid.is_none());
