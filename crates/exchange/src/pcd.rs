@@ -171,26 +171,28 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
         return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
     }
-    let area = match (width, height.unwrap_or(1)) {
-        (Some(w), h) => Some(u64::checked_mul(w, h).ok_or_else(|| {
-            Error::input(format!("WIDTH {w} times HEIGHT {h} is more points than can be counted"))
-        })?),
-        (None, 1) => None,
-        (None, h) => return Err(Error::input(format!("the header has `HEIGHT` {h}, but no `WIDTH`"))),
-    };
-    let points = match (points, area) {
-        (Some(points), Some(area)) if points != area => {
-            return Err(Error::input(format!(
-                "the header promises {points} points, but WIDTH times HEIGHT is {area}"
-            )));
+    let (width, height, points) = match (width, height.unwrap_or(1), points) {
+        (Some(width), height, points) => {
+            let area = u64::checked_mul(width, height).ok_or_else(|| {
+                Error::input(format!(
+                    "no file holds {width} times {height} points: `WIDTH` or `HEIGHT` is wrong"
+                ))
+            })?;
+            if let Some(points) = points.filter(|&points| points != area) {
+                return Err(Error::input(format!(
+                    "the header promises {points} points, but WIDTH times HEIGHT is {area}"
+                )));
+            }
+            (width, height, area)
         }
-        (Some(points), _) | (None, Some(points)) => points,
-        (None, None) => return Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
+        (None, 0..=1, Some(points)) => (points, 1, points),
+        (None, _, Some(_)) => return Err(Error::input("the header has `HEIGHT`, but no `WIDTH`")),
+        (None, _, None) => return Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
     };
     Ok(Header {
         fields,
-        width: width.unwrap_or(points),
-        height: height.unwrap_or(1),
+        width,
+        height,
         points,
         viewpoint,
         encoding,
@@ -469,6 +471,18 @@ mod tests {
             (scan.points, scan.viewing, scan.grid),
             (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None)
         );
+    }
+
+    #[test]
+    fn sizes_that_contradict_each_other_are_refused() {
+        let text = String::from_utf8(text()).unwrap();
+        let height = text
+            .replace("WIDTH 2", "WIDTH 3")
+            .replace("HEIGHT 2", "HEIGHT 9223372036854775807");
+        assert!(message(height.as_bytes()).contains("no file holds 3 times 9223372036854775807 points"));
+        assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("`HEIGHT`, but no `WIDTH`"));
+        let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");
+        assert!(read(plain.as_bytes()).unwrap().grid.is_none());
     }
 
     #[test]
