@@ -153,7 +153,13 @@ impl SmoothnessSearch {
 
     fn validate(&self) -> Result<()> {
         let (low, high) = self.bounds;
-        if low > 0.0 && low <= self.start && self.start <= high && high.is_finite() && self.tolerance > 0.0 && self.step > 0.0 {
+        if low > 0.0
+            && low <= self.start
+            && self.start <= high
+            && high.is_finite()
+            && self.tolerance > 0.0
+            && self.step > 0.0
+        {
             Ok(())
         } else {
             Err(Error::input(format!(

@@ -506,7 +506,7 @@ impl PositionSums {
         let spread = |a: usize, b: usize| gram[a][b] - weight * mean[a - 1] * mean[b - 1];
         let (uu, uv, vv) = (spread(1, 1), spread(1, 2), spread(2, 2));
         let determinant = uu * vv - uv * uv;
-        if !(determinant > 1e-12 * uu * vv) {
+        if determinant <= 1e-12 * uu * vv || determinant.is_nan() {
             return None;
         }
         let mut map = [[0.0; 3]; 3];

@@ -118,7 +118,9 @@ impl<'a> Readings<'a> {
         for posed in &set.scans {
             let inside = |p: &[f64; 2]| (0.0..=1.0).contains(&p[0]) & (0.0..=1.0).contains(&p[1]);
             if let Some(all) = &posed.scan.parameters
-                && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
+                && !all
+                    .par_chunks(TASK)
+                    .all(|part| part.iter().fold(true, |good, p| good & inside(p)))
                 && let Some(k) = all.iter().position(|p| !inside(p))
             {
                 return Err(Error::input(format!(

@@ -58,12 +58,7 @@ pub(super) struct Smoothing {
 
 impl Smoothing {
     /// Finds the weight in the metric of a reference surface, from a weight that is about right where one is known.
-    pub(super) fn new(
-        system: &SurfaceSystem,
-        reference: &Surface,
-        total: &Totals,
-        known: Option<f64>,
-    ) -> Result<Self> {
+    pub(super) fn new(system: &SurfaceSystem, reference: &Surface, total: &Totals, known: Option<f64>) -> Result<Self> {
         let space = system.space();
         let leaves = space.leaves().len();
         let (energy, area) = if space.shape() == Shape::Sheet {
