@@ -141,7 +141,7 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
         parameters: None,
         grid: None,
         viewing: scan.viewing,
-        world_from_scanner: scan.world_from_scanner.clone(),
+        world_from_scanner: scan.world_from_scanner,
         dropped_not_finite: if number == 0 { scan.dropped_not_finite } else { 0 },
     }
 }
