@@ -3,7 +3,7 @@
 //! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class of every point where the
 //! file tells any apart. Points that are marked as withheld are not read.
 //!
-//! The crate that decodes believes what a file says of its own sizes: [`limits`] asks first whether the file can hold them.
+//! The crate that decodes believes what a file says of its own sizes: `limits` asks first whether the file can hold them.
 //!
 //! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the same unit.
 
