@@ -10,7 +10,8 @@
 //! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to the nearest side of the surface.
 
 use super::engine::{FootSensors, FootState, accumulate, normal_step, project};
-use super::observations::{Observations, Rejection, has_ground};
+use super::noise::SensorNoise;
+use super::observations::{ObservationOptions, Observations, Rejection, has_ground};
 use super::stages::{Settled, observed_leaves, weights};
 use super::{FitOptions, observation_options};
 use crate::progress::Progress;
@@ -19,14 +20,14 @@ use planish_estimate::sparse::BlockInformation;
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 use planish_sense::{Ground, GroundOptions, Scan, classify_ground};
-use planish_spline::FootPointSearch;
+use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Readings for each control vertex that may be used, from which on more of them find no other shape.
 const READINGS_PER_COEFFICIENT: usize = 64;
 /// The smallest part that is worth its overhead, and the most parts.
-const LEAST_PART: usize = 500_000;
+const LEAST_PART: usize = 100_000;
 const MOST_PARTS: usize = 255;
 
 /// What is dealt to no part.
@@ -206,6 +207,74 @@ pub(super) struct Used {
     pub variance: f64,
 }
 
+/// The readings of a part, and an order in which neighbours follow each other.
+fn prepared(
+    parts: &Parts<'_>,
+    number: usize,
+    origin: [f64; 3],
+    options: &FitOptions,
+) -> Result<(Observations, Vec<u32>)> {
+    let options = ObservationOptions {
+        held_out_share: 0.0,
+        ground: None,
+        as_they_are: true,
+        ..observation_options(parts.set, options)
+    };
+    let set = parts.part(number);
+    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
+    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
+    let mut observations = Observations::new(&scans, &sensor_of_scan, &set.sensors, &options)?;
+    observations.move_origin(origin);
+    let order = neighbours_together(&observations.points);
+    Ok((observations, order))
+}
+
+impl Absorbed {
+    fn add(
+        &mut self,
+        surface: &Surface,
+        system: &SurfaceSystem,
+        noise: &SensorNoise,
+        (observations, subset): (&Observations, &[u32]),
+        search: &FootPointSearch,
+        gate: f64,
+    ) -> Result<()> {
+        let mut at = vec![[f64::NAN; 2]; observations.len()];
+        let feet = project(surface, observations, subset, &mut at, Some(search), &noise.used);
+        let information = weights(observations, subset, &feet, noise, gate, false);
+        self.data
+            .add_scaled(&accumulate(system, surface, &feet, &information)?, 1.0)?;
+        for (seen, now) in self
+            .observed
+            .iter_mut()
+            .zip(observed_leaves(surface, &feet, &information))
+        {
+            *seen |= now;
+        }
+        self.total += observations.total;
+        for (cause, n) in &observations.rejected {
+            *self.rejected.entry(*cause).or_insert(0) += n;
+        }
+        for ((&i, foot), &w) in subset.iter().zip(&feet).zip(&information) {
+            let cause = match foot.state {
+                FootState::NormalMismatch => Rejection::NormalMismatch,
+                FootState::BeyondBorder => Rejection::BeyondBorder,
+                FootState::Good if w == 0.0 => Rejection::Outlier,
+                FootState::Good => {
+                    let used = &mut self.used[observations.sensor(i as usize)];
+                    used.count += 1;
+                    used.square += foot.height * foot.height;
+                    used.weighted += w * foot.height * foot.height;
+                    used.variance += foot.variance;
+                    continue;
+                }
+            };
+            *self.rejected.entry(cause).or_insert(0) += 1;
+        }
+        Ok(())
+    }
+}
+
 /// Adds all parts but the first to a settled surface, and moves the surface to where all readings want it.
 pub(super) fn absorb(
     parts: &Parts<'_>,
@@ -226,51 +295,17 @@ pub(super) fn absorb(
         used: vec![Used::default(); first.stated.len()],
     };
     let search = FootPointSearch::new(surface, 2, 0.0)?;
+    // While one part is projected the next is dealt out, which one thread does.
+    let mut coming = Some(prepared(parts, 1, origin, options));
     for number in 1..parts.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / parts.count as f64)?;
-        let mut options_of_part = observation_options(parts.set, options);
-        options_of_part.held_out_share = 0.0;
-        options_of_part.ground = None;
-        options_of_part.as_they_are = true;
-        let set = parts.part(number);
-        let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
-        let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-        let mut observations = Observations::new(&scans, &sensor_of_scan, &set.sensors, &options_of_part)?;
-        observations.move_origin(origin);
-        let subset = neighbours_together(&observations.points);
-        let mut at = vec![[f64::NAN; 2]; observations.len()];
-        let feet = project(surface, &observations, &subset, &mut at, Some(&search), &noise.used);
-        let information = weights(&observations, &subset, &feet, noise, options.gate, false);
-        absorbed
-            .data
-            .add_scaled(&accumulate(system, surface, &feet, &information)?, 1.0)?;
-        for (seen, now) in absorbed
-            .observed
-            .iter_mut()
-            .zip(observed_leaves(surface, &feet, &information))
-        {
-            *seen |= now;
-        }
-        absorbed.total += observations.total;
-        for (cause, n) in &observations.rejected {
-            *absorbed.rejected.entry(*cause).or_insert(0) += n;
-        }
-        for ((&i, foot), &w) in subset.iter().zip(&feet).zip(&information) {
-            let cause = match foot.state {
-                FootState::NormalMismatch => Rejection::NormalMismatch,
-                FootState::BeyondBorder => Rejection::BeyondBorder,
-                FootState::Good if w == 0.0 => Rejection::Outlier,
-                FootState::Good => {
-                    let used = &mut absorbed.used[observations.sensor(i as usize)];
-                    used.count += 1;
-                    used.square += foot.height * foot.height;
-                    used.weighted += w * foot.height * foot.height;
-                    used.variance += foot.variance;
-                    continue;
-                }
-            };
-            *absorbed.rejected.entry(cause).or_insert(0) += 1;
-        }
+        let Some(part) = coming.take() else { break };
+        let (observations, subset) = part?;
+        let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, origin, options));
+        let add = || absorbed.add(surface, system, noise, (&observations, &subset), &search, options.gate);
+        let (added, next) = rayon::join(add, next);
+        added?;
+        coming = next;
     }
     progress.check("settling", 0.86)?;
     let information = weights(
@@ -302,4 +337,99 @@ pub(super) fn absorb(
         &settled.noise.used,
     );
     Ok(absorbed)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::{FitOptions, fit};
+    use crate::progress::Silent;
+    use planish_exchange::{PosedScan, ScanSet, Unit};
+    use planish_sense::{Scan, Sensor, SensorKind};
+    use planish_spline::Shape;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const SIGMA: f64 = 0.02;
+
+    fn height(x: f64, y: f64) -> f64 {
+        (0.7 * x).sin() * (0.5 * y).cos()
+    }
+
+    fn set() -> ScanSet {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let mut points: Vec<[f64; 3]> = (0..330_000)
+            .map(|_| {
+                let (x, y) = (10.0 * random.random::<f64>(), 8.0 * random.random::<f64>());
+                [x, y, height(x, y)].map(|c| {
+                    let noise: f64 = StandardNormal.sample(&mut random);
+                    c + SIGMA * noise
+                })
+            })
+            .collect();
+        // Some are written twice, far from each other in the file.
+        points.extend_from_within(..1000);
+        ScanSet {
+            unit: Some(Unit::Metre),
+            sensors: vec![Sensor {
+                name: "lidar".to_owned(),
+                kind: SensorKind::Range,
+                noise: None,
+            }],
+            scans: vec![PosedScan {
+                scan: Scan {
+                    name: "tile".to_owned(),
+                    points,
+                    ..Scan::default()
+                },
+                sensor: 0,
+                sigma_translation: None,
+                sigma_rotation_deg: None,
+            }],
+            ..ScanSet::default()
+        }
+    }
+
+    /// Four parts must know what one would: every reading counts once, and σ is as small and as true as all of them make it.
+    #[test]
+    fn a_cloud_in_parts_is_fitted_as_if_it_were_whole() {
+        let set = set();
+        let fitted = |max_coefficients, threads| {
+            let options = FitOptions {
+                shape: Some(Shape::Sheet),
+                max_coefficients,
+                ..FitOptions::default()
+            };
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| fit(&set, &options, &Silent)).unwrap()
+        };
+        let parts = fitted(1_000, 2);
+        let whole = fitted(12_000, 2);
+        assert_eq!(parts.report.rejected["duplicate"], 1000);
+        assert_eq!(whole.report.rejected["duplicate"], 1000);
+        let n = parts.report.observations;
+        assert!((310_000..=330_000).contains(&n), "{n}");
+        let sigma = parts.report.sensors[0].sigma_estimated;
+        assert!((sigma / SIGMA - 1.0).abs() < 0.02, "{sigma}");
+        assert!((parts.report.held_out.rms_normalised - 1.0).abs() < 0.02);
+        let surface = &parts.model.surface;
+        let posterior = parts.posterior();
+        let leaves = surface.space().leaves().len();
+        let mut squares = 0.0;
+        for leaf in 0..leaves {
+            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+            let normal = jet.normal().unwrap();
+            let sigma = crate::model::Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), [0.5, 0.5], normal);
+            let [x, y, z] = jet.point;
+            squares += ((z - height(x, y)) * normal[2].abs() / sigma).powi(2) / leaves as f64;
+        }
+        assert!(
+            (0.5..1.6).contains(&squares),
+            "mean square of normalised errors {squares}"
+        );
+        let ratio = parts.report.sigma.median / whole.report.sigma.median;
+        assert!((0.8..1.25).contains(&ratio), "{ratio} times the σ of the whole");
+        let alone = fitted(1_000, 1);
+        assert!(alone.model.surface.vertices() == parts.model.surface.vertices());
+    }
 }

@@ -267,7 +267,7 @@ impl Observations {
         if options.as_they_are {
             return Ok(made);
         }
-        made.complete_normals(options.checks.neighbours)?;
+        made.complete_normals(options.checks.neighbours, !options.sheet)?;
         if options.sheet {
             made.turn_upwards();
         }
@@ -315,8 +315,8 @@ impl Observations {
         }
     }
 
-    /// Normals for the points that have none, and one orientation for those whose side is unknown; isolated ones among them go.
-    fn complete_normals(&mut self, neighbours: usize) -> Result<()> {
+    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go.
+    fn complete_normals(&mut self, neighbours: usize, orient: bool) -> Result<()> {
         if self.oriented.iter().all(|&o| o) {
             return Ok(());
         }
@@ -330,6 +330,9 @@ impl Observations {
                 }
             }
             self.leave_out(&gone, Rejection::Isolated);
+        }
+        if !orient {
+            return Ok(());
         }
         let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
         orient_normals(&self.points, &mut normals, &self.oriented, neighbours)?;
