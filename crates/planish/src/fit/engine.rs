@@ -1,6 +1,6 @@
 //! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
 
-use super::observations::Observations;
+use super::observations::{Observations, Rejection};
 use crate::point_sigmas::order_by_leaf;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
@@ -101,6 +101,18 @@ pub(super) fn project(
         at[i as usize] = *parameters;
     }
     feet.into_iter().map(|(foot, _)| foot).collect()
+}
+
+impl Foot {
+    /// Why the reading takes no part, given its information; none where it does.
+    pub(super) fn rejection(&self, information: f64) -> Option<Rejection> {
+        match self.state {
+            FootState::NormalMismatch => Some(Rejection::NormalMismatch),
+            FootState::BeyondBorder => Some(Rejection::BeyondBorder),
+            FootState::Good if information == 0.0 => Some(Rejection::Outlier),
+            FootState::Good => None,
+        }
+    }
 }
 
 /// Positions in `feet` sorted by leaf: leaf `l` has `order[start[l] .. start[l + 1]]`.

@@ -4,8 +4,8 @@
 //! the figures by which a user judges it.
 
 use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
-use super::large::{Absorbed, Used};
-use super::noise::{SensorNoise, kept_variance};
+use super::large::Absorbed;
+use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
@@ -92,14 +92,8 @@ pub(super) fn finish(
         .iter()
         .map(|(cause, n)| (cause.name().to_owned(), *n))
         .collect();
-    let mut reject = |cause: Rejection| *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
-    for (foot, &w) in feet.iter().zip(&information) {
-        match foot.state {
-            FootState::NormalMismatch => reject(Rejection::NormalMismatch),
-            FootState::BeyondBorder => reject(Rejection::BeyondBorder),
-            FootState::Good if w == 0.0 => reject(Rejection::Outlier),
-            FootState::Good => {}
-        }
+    for cause in feet.iter().zip(&information).filter_map(|(foot, &w)| foot.rejection(w)) {
+        *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
     }
     for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
@@ -334,7 +328,7 @@ fn sensor_reports(
     subset: &[u32],
     feet: &[Foot],
     information: &[f64],
-    others: &[Used],
+    others: &[ResidualSums],
 ) -> Vec<SensorReport> {
     set.sensors
         .iter()

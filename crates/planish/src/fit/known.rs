@@ -9,10 +9,10 @@
 //! Not guaranteed: that readings which were given wrong parameters are found out.
 
 use super::finish::{pose_reports, warnings};
-use super::noise::kept_variance;
+use super::noise::{ResidualSums, kept_variance};
 use super::observations::{Rejection, hash01};
 use super::smoothing::{Smoothing, Totals, reference_surface};
-use super::stages::neighbourhood;
+use super::stages::with_neighbours;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{NodeCovariance, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
@@ -31,13 +31,13 @@ use std::sync::Arc;
 const TASK: usize = 1 << 13;
 /// So many held-out readings judge any fit.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
-/// Residuals that are enough to find the scale of a sensor.
+/// ResidualSums that are enough to find the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
 /// Cells along each side, and readings, that are enough to find about the weight of the prior.
 const COARSE: usize = 20;
 const ENOUGH_FOR_WEIGHT: usize = 40_000;
 /// Rounds of weighing and gating, and what must change for another: shares of a variance, and of the readings.
-const MOST_ROUNDS: usize = 8;
+const MOST_ROUNDS: u32 = 8;
 const SETTLED_VARIANCE: f64 = 0.01;
 const SETTLED_GATE: f64 = 1e-4;
 /// Stated σ are believed within this factor.
@@ -61,6 +61,8 @@ struct Readings<'a> {
     cells: [f64; 2],
     options: &'a FitOptions,
     held_out_share: f64,
+    /// How many there are.
+    total: usize,
     /// Numbers of gated readings of each scan, ascending.
     gated: Vec<Vec<u32>>,
     /// Whether a sensor's σ was stated.
@@ -134,6 +136,7 @@ impl<'a> Readings<'a> {
             cells: cells.map(|n| n as f64),
             options,
             held_out_share: options.held_out_share.min(ENOUGH_HELD_OUT / total as f64),
+            total,
             gated: vec![Vec::new(); set.scans.len()],
             stated,
             information: (set.sensors.iter())
@@ -175,6 +178,17 @@ impl<'a> Readings<'a> {
         }
     }
 
+    /// A reading that takes part in the fit.
+    #[inline]
+    fn fitted(&self, s: usize, k: usize) -> Option<PositionReading> {
+        let reading = self.reading(s, k);
+        (reading.role == Role::Fitted).then_some(PositionReading {
+            parameters: reading.at,
+            position: reading.point,
+            information: reading.information,
+        })
+    }
+
     /// Every reading's part in something, task by task in their order: `work(scan, numbers)`.
     fn in_tasks<T: Send>(&self, work: impl Fn(usize, Range<usize>) -> T + Sync) -> Vec<T> {
         let tasks: Vec<(usize, Range<usize>)> = (self.set.scans.iter().enumerate())
@@ -191,16 +205,8 @@ impl<'a> Readings<'a> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
         for (s, posed) in self.set.scans.iter().enumerate() {
             progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
-            let read = |k| {
-                let reading = self.reading(s, k);
-                (reading.role == Role::Fitted).then_some(PositionReading {
-                    parameters: reading.at,
-                    position: reading.point,
-                    information: reading.information,
-                })
-            };
             sums[posed.sensor]
-                .add_from(posed.scan.points.len(), read)
+                .add_from(posed.scan.points.len(), |k| self.fitted(s, k))
                 .map_err(|e| e.in_context(&posed.scan.name))?;
         }
         Ok(sums)
@@ -215,15 +221,13 @@ impl<'a> Readings<'a> {
         let cells = [nu.min(COARSE), nv.min(COARSE)];
         let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, cells)?);
         let mut sums = PositionSums::new(&coarse);
-        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
-        let step = (total / ENOUGH_FOR_WEIGHT).max(1);
+        let step = (self.total / ENOUGH_FOR_WEIGHT).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
             sums.add_from(posed.scan.points.len() / step, |k| {
-                let reading = self.reading(s, k * step);
-                (reading.role == Role::Fitted).then(|| PositionReading {
-                    parameters: std::array::from_fn(|d| reading.at[d] * cells[d] as f64 / self.cells[d]),
-                    position: reading.point,
-                    information: reading.information,
+                let reading = self.fitted(s, k * step)?;
+                Some(PositionReading {
+                    parameters: std::array::from_fn(|d| reading.parameters[d] * cells[d] as f64 / self.cells[d]),
+                    ..reading
                 })
             })?;
         }
@@ -239,7 +243,7 @@ impl<'a> Readings<'a> {
         let gate2 = self.options.gate * self.options.gate;
         let parts = self.in_tasks(|s, range| {
             let limit = gate2 * variances[self.set.scans[s].sensor];
-            let mut part = (s, Vec::new(), Residuals::default(), Residuals::default());
+            let mut part = (s, Vec::new(), ResidualSums::default(), ResidualSums::default());
             for k in range {
                 let reading = self.reading(s, k);
                 if reading.role == Role::HeldOut {
@@ -250,7 +254,7 @@ impl<'a> Readings<'a> {
                     square += r * r;
                     largest = largest.max(r * r);
                 }
-                let residual = Residuals {
+                let residual = ResidualSums {
                     count: 1,
                     square,
                     weighted: reading.information * square,
@@ -266,7 +270,7 @@ impl<'a> Readings<'a> {
             part
         });
         let mut gated = vec![Vec::new(); self.set.scans.len()];
-        let mut inside = vec![Residuals::default(); self.set.sensors.len()];
+        let mut inside = vec![ResidualSums::default(); self.set.sensors.len()];
         let mut outside = inside.clone();
         for (s, found, kept, left) in parts {
             let sensor = self.set.scans[s].sensor;
@@ -295,8 +299,7 @@ impl<'a> Readings<'a> {
     /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the gate.
     fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
-        let total: usize = self.set.scans.iter().map(|posed| posed.scan.points.len()).sum();
-        let step = (total / ENOUGH_FOR_SCALE).max(1);
+        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
             for reading in (0..posed.scan.points.len()).step_by(step).map(|k| self.reading(s, k)) {
                 let weight = reading.information.sqrt();
@@ -317,7 +320,7 @@ struct Examined {
     /// Numbers of those outside, scan by scan, ascending.
     gated: Vec<Vec<u32>>,
     /// Sums over those inside, sensor by sensor.
-    residuals: Vec<Residuals>,
+    residuals: Vec<ResidualSums>,
 }
 
 /// The measured coordinates of a surface as polynomials on every leaf: a surface that is quick to ask.
@@ -376,28 +379,6 @@ impl Evaluation {
     }
 }
 
-/// What the residuals of one sensor's readings sum up to.
-#[derive(Debug, Clone, Copy, Default)]
-struct Residuals {
-    /// Readings.
-    count: usize,
-    /// `Σ r²` over the measured coordinates.
-    square: f64,
-    /// `Σ w r²`.
-    weighted: f64,
-    /// `Σ 1/w` over the readings: their stated variances.
-    variance: f64,
-}
-
-impl Residuals {
-    fn add(&mut self, other: &Self) {
-        self.count += other.count;
-        self.square += other.square;
-        self.weighted += other.weighted;
-        self.variance += other.variance;
-    }
-}
-
 /// Fits a uniform grid of so many cells to readings with known parameters.
 ///
 /// # Errors
@@ -416,13 +397,13 @@ pub(super) fn fit_known(
     let system = SurfaceSystem::new(&space)?;
     let mut sums = readings.sum(&space, progress)?;
     let mut variances = vec![1.0; set.sensors.len()];
-    let mut smoothing: Option<Smoothing> = None;
-    let mut residuals = Vec::new();
-    let mut reached_limit = true;
-    for round in 0..MOST_ROUNDS {
-        progress.check("smoothing", 0.3 + 0.05 * round as f64)?;
+    let mut earlier: Option<Smoothing> = None;
+    let mut round = 0;
+    loop {
+        round += 1;
+        progress.check("smoothing", 0.25 + 0.05 * f64::from(round))?;
         let total = Totals::new(&sums, &variances, &system)?;
-        let next = match smoothing.take() {
+        let smoothing = match earlier {
             None => {
                 let start = readings.first_weight(&space)?;
                 let first = Smoothing::new(&system, &reference_surface(&space, &total.sums)?, &total, start)?;
@@ -435,21 +416,26 @@ pub(super) fn fit_known(
             }
             Some(earlier) => earlier.again(&system, &total)?,
         };
-        let surface = Evaluation::new(&next.surface(&system, &total)?, next.measured);
-        smoothing = Some(next);
-        progress.check("gating", 0.32 + 0.05 * round as f64)?;
-        let now = readings.robust_variances(&surface)?;
-        let examined = readings.examine(&surface, &now)?;
-        residuals = examined.residuals;
-        if round + 1 == MOST_ROUNDS {
-            break;
-        }
-        let settled =
+        let surface = smoothing.surface(&system, &total)?;
+        let evaluation = Evaluation::new(&surface, smoothing.measured);
+        progress.check("gating", 0.27 + 0.05 * f64::from(round))?;
+        let now = readings.robust_variances(&evaluation)?;
+        let examined = readings.examine(&evaluation, &now)?;
+        let same_noise =
             variances.len() == 1 || (now.iter().zip(&variances)).all(|(a, b)| (a / b - 1.0).abs() < SETTLED_VARIANCE);
         let changed = difference(&readings.gated, &examined.gated);
-        if settled && changed as f64 <= SETTLED_GATE * total.sums.count() as f64 {
-            reached_limit = false;
-            break;
+        let settled = same_noise && changed as f64 <= SETTLED_GATE * total.sums.count() as f64;
+        if settled || round == MOST_ROUNDS {
+            let solved = Solved {
+                total,
+                variances,
+                smoothing,
+                surface,
+                evaluation,
+                residuals: examined.residuals,
+                reached_limit: round == MOST_ROUNDS,
+            };
+            return solved.finish(&readings, progress);
         }
         if variances.len() > 1 {
             variances = now;
@@ -458,19 +444,8 @@ pub(super) fn fit_known(
             readings.gated = examined.gated;
             sums = readings.sum(&space, progress)?;
         }
+        earlier = Some(smoothing);
     }
-    let Some(smoothing) = smoothing else {
-        return Err(Error::undetermined("no reading is left"));
-    };
-    let solved = Solved {
-        system,
-        sums,
-        variances,
-        smoothing,
-        residuals,
-        reached_limit,
-    };
-    solved.finish(&readings, progress)
 }
 
 /// How many numbers are in one of two lists of ascending lists only.
@@ -486,31 +461,30 @@ fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
 
 /// A fit that is settled but for its figures.
 struct Solved {
-    system: SurfaceSystem,
-    sums: Vec<PositionSums>,
+    total: Totals,
     /// Each sensor's variance over that stated, up to a factor common to all; 1 for one sensor.
     variances: Vec<f64>,
     smoothing: Smoothing,
-    residuals: Vec<Residuals>,
+    surface: Surface,
+    evaluation: Evaluation,
+    residuals: Vec<ResidualSums>,
     reached_limit: bool,
 }
 
 impl Solved {
     fn finish(self, readings: &Readings<'_>, progress: &dyn Progress) -> Result<Fit> {
         let Self {
-            system,
-            sums,
+            total,
             variances,
             smoothing,
+            surface,
+            evaluation,
             residuals,
             reached_limit,
         } = self;
         let set = readings.set;
         let measured = smoothing.measured;
         let coordinates = measured.iter().filter(|m| **m).count() as f64;
-        let total = Totals::new(&sums, &variances, &system)?;
-        let surface = smoothing.surface(&system, &total)?;
-        let evaluation = Evaluation::new(&surface, measured);
         progress.check("covariance", 0.8)?;
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
         let kept = if is_gated {
@@ -533,13 +507,7 @@ impl Solved {
             None => estimated,
         };
 
-        let own_cells: Vec<bool> = total.sums.observed();
-        let mut observed = own_cells.clone();
-        for leaf in (0..own_cells.len()).filter(|&leaf| own_cells[leaf]) {
-            for other in neighbourhood(surface.space(), leaf) {
-                observed[other] = true;
-            }
-        }
+        let observed = with_neighbours(surface.space(), &total.sums.observed());
         let sensors: Vec<SensorReport> = (set.sensors.iter().enumerate())
             .filter(|(s, _)| residuals[*s].count > 0)
             .map(|(s, sensor)| {
@@ -592,7 +560,6 @@ impl Solved {
             .map(|(cause, n)| (cause.name().to_owned(), n))
             .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
-        let every: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
         let report = FitReport {
             observations: count,
             shape: model.surface.space().shape().name().to_owned(),
@@ -602,7 +569,7 @@ impl Solved {
             rms: (square / n).sqrt(),
             rms_normalised: (weighted / (scale * n)).sqrt(),
             reduced_chi_square: weighted / (scale * redundant * kept),
-            warnings: warnings(&sensors, observed_share, &rejected, every + not_finite),
+            warnings: warnings(&sensors, observed_share, &rejected, readings.total + not_finite),
             rejected,
             sensors,
             poses: model.poses.clone(),

@@ -9,11 +9,11 @@
 //!
 //! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to the nearest side of the surface.
 
-use super::engine::{FootSensors, FootState, accumulate, normal_step, project};
-use super::noise::SensorNoise;
+use super::engine::{FootSensors, accumulate, normal_step, project};
+use super::noise::{ResidualSums, SensorNoise};
 use super::observations::{ObservationOptions, Observations, Rejection, has_ground};
 use super::stages::{Settled, observed_leaves, weights};
-use super::{FitOptions, observation_options};
+use super::{FitOptions, observation_options, observe};
 use crate::progress::Progress;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
@@ -195,16 +195,7 @@ pub(super) struct Absorbed {
     /// What there was, before anything was left out.
     pub total: usize,
     /// Readings used, `Σ h²` of their heights, `Σ w h²`, and the sum of their stated variances: sensor by sensor.
-    pub used: Vec<Used>,
-}
-
-/// Sums over readings of one sensor.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Used {
-    pub count: usize,
-    pub square: f64,
-    pub weighted: f64,
-    pub variance: f64,
+    pub used: Vec<ResidualSums>,
 }
 
 /// The readings of a part, and an order in which neighbours follow each other.
@@ -221,9 +212,7 @@ fn prepared(
         ..observation_options(parts.set, options)
     };
     let set = parts.part(number);
-    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
-    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    let mut observations = Observations::new(&scans, &sensor_of_scan, &set.sensors, &options)?;
+    let mut observations = observe(&set, &options)?;
     observations.move_origin(origin);
     let order = neighbours_together(&observations.points);
     Ok((observations, order))
@@ -256,20 +245,15 @@ impl Absorbed {
             *self.rejected.entry(*cause).or_insert(0) += n;
         }
         for ((&i, foot), &w) in subset.iter().zip(&feet).zip(&information) {
-            let cause = match foot.state {
-                FootState::NormalMismatch => Rejection::NormalMismatch,
-                FootState::BeyondBorder => Rejection::BeyondBorder,
-                FootState::Good if w == 0.0 => Rejection::Outlier,
-                FootState::Good => {
-                    let used = &mut self.used[observations.sensor(i as usize)];
-                    used.count += 1;
-                    used.square += foot.height * foot.height;
-                    used.weighted += w * foot.height * foot.height;
-                    used.variance += foot.variance;
-                    continue;
-                }
-            };
-            *self.rejected.entry(cause).or_insert(0) += 1;
+            match foot.rejection(w) {
+                Some(cause) => *self.rejected.entry(cause).or_insert(0) += 1,
+                None => self.used[observations.sensor(i as usize)].add(&ResidualSums {
+                    count: 1,
+                    square: foot.height * foot.height,
+                    weighted: w * foot.height * foot.height,
+                    variance: foot.variance,
+                }),
+            }
         }
         Ok(())
     }
@@ -292,7 +276,7 @@ pub(super) fn absorb(
         observed: vec![false; surface.space().leaves().len()],
         rejected: parts.rejected.clone(),
         total: 0,
-        used: vec![Used::default(); first.stated.len()],
+        used: vec![ResidualSums::default(); first.stated.len()],
     };
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     // While one part is projected the next is dealt out, which one thread does.

@@ -188,7 +188,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         ..options.clone()
     };
     let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
-        let mut observations = observe(set, options)?;
+        let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
         progress.check("normals", 0.01)?;
         let settled = stages::settle(&observations, &sheet, progress)?;
@@ -197,11 +197,14 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     progress.check("dealing out", 0.01)?;
     let mut observations = {
         let first = parts.part(0);
-        let is_told = FitOptions {
-            ground: None,
-            ..sheet.clone()
-        };
-        observe(&first, &is_told)?
+        let options = observation_options(set, options);
+        observe(
+            &first,
+            &ObservationOptions {
+                ground: None,
+                ..options
+            },
+        )?
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
@@ -221,15 +224,10 @@ fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
 }
 
 /// The observations of a set of scans, some of them held out.
-fn observe(set: &ScanSet, options: &FitOptions) -> Result<Observations> {
+fn observe(set: &ScanSet, options: &ObservationOptions) -> Result<Observations> {
     let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
     let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    Observations::new(
-        &scans,
-        &sensor_of_scan,
-        &set.sensors,
-        &observation_options(set, options),
-    )
+    Observations::new(&scans, &sensor_of_scan, &set.sensors, options)
 }
 
 fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOptions {
@@ -258,7 +256,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             model.unit.name()
         )));
     }
-    let mut observations = observe(set, options)?;
+    let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     let moved;
     let model = if origin == [0.0; 3] {

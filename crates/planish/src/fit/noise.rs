@@ -118,6 +118,28 @@ impl SensorNoise {
     }
 }
 
+/// What the residuals of one sensor's readings sum up to.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ResidualSums {
+    /// Readings.
+    pub count: usize,
+    /// `Σ r²`.
+    pub square: f64,
+    /// `Σ w r²`.
+    pub weighted: f64,
+    /// The sum of their stated variances.
+    pub variance: f64,
+}
+
+impl ResidualSums {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.square += other.square;
+        self.weighted += other.weighted;
+        self.variance += other.variance;
+    }
+}
+
 /// The variance that a gate leaves, over the whole.
 pub(super) fn kept_variance(gate: f64) -> Result<f64> {
     Ok(TruncatedNormal::new(gate)?.variance_ratio())

@@ -715,7 +715,7 @@ fn misfit(
 }
 
 /// A leaf and those around it, each once.
-pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))
@@ -736,7 +736,12 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
     for (foot, &w) in feet.iter().zip(information) {
         own[foot.leaf as usize] |= w > 0.0;
     }
-    let mut observed = own.clone();
+    with_neighbours(space, &own)
+}
+
+/// The marked leaves and the neighbours of each.
+pub(super) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
+    let mut observed = own.to_vec();
     for leaf in 0..own.len() {
         if own[leaf] {
             for other in neighbourhood(space, leaf) {
