@@ -36,25 +36,16 @@ const BATCH: u64 = 1 << 21;
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
 /// when it is malformed or cut off.
 pub fn read_las(path: &Path) -> Result<Scan> {
+    read_las_and_map(path).map(|(scan, _)| scan)
+}
+
+/// [`read_las`], with the map that the header names, where it names any.
+pub(crate) fn read_las_and_map(path: &Path) -> Result<(Scan, Option<GeoReference>)> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     scan_from(path, &name).map_err(|e| e.in_context(path.display()))
 }
 
-/// The map that the header names, where it names any.
-///
-/// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when its header is malformed.
-pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
-    let header = open_file(path)
-        .and_then(|(file, _)| {
-            let mut file = BufReader::new(file);
-            limits::check(&mut file)?;
-            guarded(|| Header::new(&mut file))?.map_err(|e| {
-                Error::input("the header cannot be read: the file is damaged or no LAS file").with_source(e)
-            })
-        })
-        .map_err(|e| e.in_context(path.display()))?;
+fn georeference(header: &Header) -> Option<GeoReference> {
     let record = |number: u16| {
         let mut all = header.all_vlrs();
         all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number)
@@ -62,7 +53,7 @@ pub fn read_georeference(path: &Path) -> Result<Option<GeoReference>> {
     };
     let keys = record(34735)
         .and_then(|keys| GeoReference::from_keys(keys, record(34736).unwrap_or(&[]), record(34737).unwrap_or(&[])));
-    Ok(keys.or_else(|| record(2112).and_then(|wkt| GeoReference::from_wkt(&String::from_utf8_lossy(wkt)))))
+    keys.or_else(|| record(2112).and_then(|wkt| GeoReference::from_wkt(&String::from_utf8_lossy(wkt))))
 }
 
 /// Who defines the records that hold a map.
@@ -115,7 +106,7 @@ impl Records {
     }
 }
 
-fn scan_from(path: &Path, name: &str) -> Result<Scan> {
+fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let mut file = BufReader::new(open_file(path)?.0);
     limits::check(&mut file)?;
     let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or no LAS file"));
@@ -159,7 +150,7 @@ fn scan_from(path: &Path, name: &str) -> Result<Scan> {
     if classes.iter().any(|c| *c > UNCLASSIFIED) {
         scan.classes = Some(classes);
     }
-    Ok(scan)
+    Ok((scan, georeference(&header)))
 }
 
 /// Class 0 was never classified, 1 is unclassified.

@@ -32,7 +32,7 @@ pub use archive::read_npz;
 use array::Array;
 
 use crate::points::{PointCollector, PointColumns, grid_without, keep_unit_normals};
-use crate::source::{Source, open};
+use crate::source::{Source, open, read_file};
 
 /// Wider arrays are no points: an image, or points that lie along the other axis.
 pub(crate) const MOST_COLUMNS: u64 = 16;
@@ -44,10 +44,7 @@ pub(crate) const MOST_COLUMNS: u64 = 16;
 /// when it is malformed, cut off, of a shape or with fields that are no points, or states a σ or covariance that is not positive: with the
 /// file and byte; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for numbers of other kinds.
 pub fn read_npy(path: &Path) -> Result<Scan> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|source| scan_from(source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, scan_from)
 }
 
 /// The shape of an array of one number an entry, if it is an image: two axes, wider than points are.

@@ -16,7 +16,7 @@ use planish_sense::{Scan, Viewing};
 
 use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns, grid_without};
-use crate::source::{Source, next_word, open, parse_number, shown};
+use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// A field of the records: `count` numbers of one type.
 struct Field {
@@ -80,10 +80,7 @@ impl Header {
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
 /// when it is malformed, cut off, or states a σ or covariance that is not positive: with the file and the line or byte.
 pub fn read_pcd(path: &Path) -> Result<Scan> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|mut source| scan_from(&mut source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
 /// Most numbers that a record may have: no scanner writes a thousandth of it.

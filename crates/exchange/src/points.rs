@@ -13,6 +13,19 @@ use planish_sense::{RangeGrid, Scan};
 /// Columns four to six are normals when every length is as near to 1.
 const UNIT_LENGTH_WITHIN: f64 = 0.01;
 
+/// Names of columns.
+const POSITION: [&str; 3] = ["x", "y", "z"];
+const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+const COVARIANCE: [&str; 6] = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"];
+const SIGMA: &str = "sigma";
+const SIGMA_NORMAL: &str = "sigma_n_deg";
+
+/// Whether a column of that name always means a quantity of points; `u` and `v` may mean anything.
+pub(crate) fn is_point_column(name: &str) -> bool {
+    let families: [&[&str]; 4] = [&POSITION, &NORMAL, &COVARIANCE, &[SIGMA, SIGMA_NORMAL]];
+    families.iter().any(|family| family.contains(&name))
+}
+
 /// Which columns say how uncertain a position is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Uncertainty {
@@ -70,7 +83,7 @@ impl PointColumns {
 
     /// The quantities that column names promise.
     pub(crate) fn find(names: &[&str]) -> Result<Self> {
-        let Some(position) = family(names, ["x", "y", "z"])? else {
+        let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
                 "needed the columns x y z, found {}",
                 if names.is_empty() {
@@ -80,8 +93,8 @@ impl PointColumns {
                 }
             )));
         };
-        let covariance = family(names, ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"])?;
-        let sigma = names.iter().position(|n| *n == "sigma");
+        let covariance = family(names, COVARIANCE)?;
+        let sigma = names.iter().position(|n| *n == SIGMA);
         let uncertainty = match (sigma, covariance) {
             (None, None) => Uncertainty::Unstated,
             (Some(column), None) => Uncertainty::Sigma(column),
@@ -95,8 +108,8 @@ impl PointColumns {
         Ok(Self {
             position,
             uncertainty,
-            normal: family(names, ["nx", "ny", "nz"])?,
-            sigma_normal: names.iter().position(|n| *n == "sigma_n_deg"),
+            normal: family(names, NORMAL)?,
+            sigma_normal: names.iter().position(|n| *n == SIGMA_NORMAL),
             // Half of the pair may mean anything.
             parameters: family(names, ["u", "v"]).unwrap_or(None),
         })

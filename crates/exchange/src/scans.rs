@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use crate::depth::{calibration_of, is_depth_image, read_depth};
 use crate::e57::read_e57;
 use crate::job::read_job;
-use crate::las::{read_georeference, read_las};
+use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
@@ -133,28 +133,39 @@ struct Read {
     unit: Option<Unit>,
     /// The calibration that was read beside it.
     calibration: Option<PathBuf>,
+    /// The map that it belongs to.
+    georeference: Option<GeoReference>,
+}
+
+impl From<(Scan, Option<Unit>)> for Read {
+    fn from((scan, unit): (Scan, Option<Unit>)) -> Self {
+        Self {
+            scans: vec![scan],
+            unit,
+            calibration: None,
+            georeference: None,
+        }
+    }
 }
 
 fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
     if calibration.is_some() || is_depth_image(path) {
         let calibration = calibration_of(path, calibration)?;
-        let (scan, unit) = read_depth(path, &calibration)?;
         return Ok(Read {
-            scans: vec![scan],
-            unit,
-            calibration: Some(calibration),
+            calibration: Some(calibration.clone()),
+            ..read_depth(path, &calibration)?.into()
         });
     }
-    let (scans, unit) = match extension(path).as_str() {
+    match extension(path).as_str() {
         // Lengths of E57 are metres.
-        "e57" => (read_e57(path)?, Some(Unit::Metre)),
-        _ => read_single(path).map(|(scan, unit)| (vec![scan], unit))?,
-    };
-    Ok(Read {
-        scans,
-        unit,
-        calibration: None,
-    })
+        "e57" => Ok(Read {
+            scans: read_e57(path)?,
+            unit: Some(Unit::Metre),
+            calibration: None,
+            georeference: None,
+        }),
+        _ => read_single(path),
+    }
 }
 
 /// How files of some formats begin, what the format is called, and the extensions that say so.
@@ -185,19 +196,23 @@ fn misnamed(path: &Path) -> Option<Error> {
 }
 
 /// A file that holds one scan; one of another format than its extension says is called by its name.
-fn read_single(path: &Path) -> Result<(Scan, Option<Unit>)> {
+fn read_single(path: &Path) -> Result<Read> {
     read_by_extension(path).map_err(|e| match e.kind() {
         ErrorKind::Input => misnamed(path).unwrap_or(e),
         _ => e,
     })
 }
 
-fn read_by_extension(path: &Path) -> Result<(Scan, Option<Unit>)> {
-    match extension(path).as_str() {
+fn read_by_extension(path: &Path) -> Result<Read> {
+    let (scan, unit) = match extension(path).as_str() {
         "ply" => read_scan_and_unit(path),
         "las" | "laz" => {
-            let unit = read_georeference(path)?.and_then(|known| known.unit());
-            read_las(path).map(|scan| (scan, unit))
+            let (scan, georeference) = read_las_and_map(path)?;
+            let unit = georeference.as_ref().and_then(GeoReference::unit);
+            return Ok(Read {
+                georeference,
+                ..(scan, unit).into()
+            });
         }
         "pcd" => read_pcd(path).map(|scan| (scan, None)),
         "npy" => read_npy(path).map(|scan| (scan, None)),
@@ -227,7 +242,8 @@ fn read_by_extension(path: &Path) -> Result<(Scan, Option<Unit>)> {
                 path.display()
             )))
         }
-    }
+    }?;
+    Ok((scan, unit).into())
 }
 
 /// Reads scans and lists of scans.
@@ -317,6 +333,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
             scans,
             unit,
             calibration,
+            georeference,
         } = read.map_err(|e| match &wanted.listed {
             Some(list) => e.in_context(list),
             None => e,
@@ -332,10 +349,8 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                 wanted.path.display(),
             )));
         }
-        let georeference = match extension(&wanted.path).as_str() {
-            "las" | "laz" if wanted.pose.is_none() => read_georeference(&wanted.path)?,
-            _ => None,
-        };
+        // What a list moves is on its map no longer.
+        let georeference = georeference.filter(|_| wanted.pose.is_none());
         if index == 0 {
             set.georeference = georeference;
         } else if set.georeference != georeference {

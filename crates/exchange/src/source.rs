@@ -49,6 +49,14 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
 /// What files compressed by gzip begin with.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
+/// Reads a file by what makes something of its source and its name; errors name the path.
+pub(crate) fn read_file<T>(path: &Path, read: impl FnOnce(Source<Box<dyn Read>>, &str) -> Result<T>) -> Result<T> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(path)
+        .and_then(|source| read(source, &name))
+        .map_err(|e| e.in_context(path.display()))
+}
+
 /// Opens a file as a source; what gzip has compressed is read as what it was, whatever its name.
 pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     let (mut file, length) = open_file(path)?;

@@ -26,7 +26,7 @@ use crate::Unit;
 use crate::atomic::write_packed;
 use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
-use crate::source::{Source, next_word, open, parse_number, shown};
+use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Bytes before the count of triangles, free to use.
 const HEADER: usize = 80;
@@ -46,10 +46,7 @@ pub fn read_scan(path: &Path) -> Result<Scan> {
 
 /// [`read_scan`], with the unit that the file names.
 pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|mut source| scan_from(&mut source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
 /// Reads a mesh; equal corners become one vertex.
@@ -57,9 +54,7 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 /// # Errors
 /// As [`read_scan`]; also for a coordinate that is not finite.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
-    open(path)
-        .and_then(|mut source| mesh_from(&mut source))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
 /// Writes the triangles as a binary file; normals and columns have no place in STL.

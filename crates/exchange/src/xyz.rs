@@ -18,7 +18,7 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
 use crate::points::{PointCollector, PointColumns, keep_unit_normals};
-use crate::source::{Source, next_word, open, parse_number, shown};
+use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Reads points. Records with a coordinate that is not finite (or an empty field) are dropped and counted.
 ///
@@ -26,10 +26,7 @@ use crate::source::{Source, next_word, open, parse_number, shown};
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
 /// for a word that is no number, a line that is too short, or a σ or covariance that is not positive: with file and line.
 pub fn read_points(path: &Path) -> Result<Scan> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|mut source| points_from(&mut source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, name| points_from(&mut source, name))
 }
 
 /// Most columns that a header may name: no program writes a hundredth of it.

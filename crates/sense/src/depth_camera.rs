@@ -1,5 +1,7 @@
 //! A camera whose every pixel reads a depth.
 
+use planish_estimate::vector3::upper_triangle;
+
 /// A pinhole camera that reads depth along its axis.
 ///
 /// Pixel (u, v), centres at integers, with the reading d lies at `z = scale d` and `p = z ((u − cx)/fx, (v − cy)/fy, 1)`: x right, y down, z
@@ -48,14 +50,7 @@ impl DepthCamera {
         let square = d.iter().map(|c| c * c).sum::<f64>();
         let extra = along - across / square;
         let entry = |i: usize, j: usize| extra * d[i] * d[j] + if i == j { across } else { 0.0 };
-        Some([
-            entry(0, 0),
-            entry(0, 1),
-            entry(0, 2),
-            entry(1, 1),
-            entry(1, 2),
-            entry(2, 2),
-        ])
+        Some(upper_triangle(entry))
     }
 }
 

@@ -12,7 +12,7 @@ use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, SHORT, TRIANG
 use crate::Unit;
 use crate::mesh::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
-use crate::source::{Source, open};
+use crate::source::{Source, read_file};
 
 /// A scene's tree of nodes is not deeper than this.
 const DEEPEST: usize = 64;
@@ -31,9 +31,7 @@ const FEW_VERTICES: usize = 1 << 20;
 /// when it is malformed, cut off, or names what is not there: with the file and the accessor or node;
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for geometry in other files, compressed, sparse or quantised.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
-    open(path)
-        .and_then(|mut source| mesh_from(&mut source))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
 /// Reads the vertices as points.

@@ -5,6 +5,7 @@ use std::io::Read;
 use planish_estimate::{Error, Result};
 
 use crate::numbers::NumberType;
+use crate::points::is_point_column;
 use crate::source::{Source, shown};
 
 /// A longer header is no header.
@@ -189,7 +190,7 @@ impl Header {
             _ => return Err(unknown()),
         };
         let Some(number) = number else {
-            if !self.structured || names.iter().any(|name| is_column(name)) {
+            if !self.structured || names.iter().any(|name| is_point_column(name)) {
                 return Err(unknown());
             }
             self.size += names.len() * bytes;
@@ -215,27 +216,6 @@ impl Header {
         let elements = self.shape.iter().fold(1_u64, |n, &side| n.saturating_mul(side));
         (elements, elements.saturating_mul(self.size as u64))
     }
-}
-
-/// Whether a point column has that name.
-fn is_column(name: &str) -> bool {
-    const NAMES: [&str; 14] = [
-        "x",
-        "y",
-        "z",
-        "nx",
-        "ny",
-        "nz",
-        "sigma",
-        "sigma_n_deg",
-        "cxx",
-        "cxy",
-        "cxz",
-        "cyy",
-        "cyz",
-        "czz",
-    ];
-    NAMES.contains(&name)
 }
 
 fn shape(literal: &Literal) -> Result<Vec<u64>> {

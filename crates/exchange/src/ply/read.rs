@@ -11,7 +11,7 @@ use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
 use crate::mesh::PolygonMesh;
 use crate::points::{PointCollector, PointColumns};
-use crate::source::{Source, open};
+use crate::source::{Source, read_file};
 
 /// Reads the points of a scan and what the file says about their errors.
 ///
@@ -30,10 +30,7 @@ pub fn read_scan(path: &Path) -> Result<Scan> {
 
 /// [`read_scan`], with the unit that the file names.
 pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|mut source| scan_from(&mut source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
 /// Reads a mesh.
@@ -45,9 +42,7 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 /// As [`read_scan`]; also for a coordinate that is not finite, an index beyond the vertices, and a face of fewer than
 /// three corners.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
-    open(path)
-        .and_then(|mut source| mesh_from(&mut source))
-        .map_err(|e| e.in_context(path.display()))
+    read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
 /// What the header of a PLY file promises.
@@ -82,9 +77,7 @@ impl PlyContents {
 /// # Errors
 /// As [`read_scan`] where the header is concerned.
 pub fn read_contents(path: &Path) -> Result<PlyContents> {
-    let header = open(path)
-        .and_then(|mut source| read_header(&mut source))
-        .map_err(|e| e.in_context(path.display()))?;
+    let header = read_file(path, |mut source, _| read_header(&mut source))?;
     Ok(PlyContents {
         encoding: match header.encoding {
             Encoding::Ascii => "ascii",

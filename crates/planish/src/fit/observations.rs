@@ -4,7 +4,7 @@
 //! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
 //! to judge it.
 
-use planish_estimate::vector3::{dot, norm, sub};
+use planish_estimate::vector3::{dot, norm, sub, upper_triangle};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
@@ -524,12 +524,5 @@ fn rotate_covariance(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
             .map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>())
             .sum()
     };
-    [
-        entry(0, 0),
-        entry(0, 1),
-        entry(0, 2),
-        entry(1, 1),
-        entry(1, 2),
-        entry(2, 2),
-    ]
+    upper_triangle(entry)
 }
