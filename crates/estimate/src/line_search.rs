@@ -12,6 +12,16 @@ pub(crate) struct Evaluated {
     pub(crate) value: f64,
 }
 
+impl Evaluated {
+    /// A point that was not evaluated: nothing is less.
+    fn unknown(at: f64) -> Self {
+        Self {
+            at,
+            value: f64::NEG_INFINITY,
+        }
+    }
+}
+
 /// What a search found.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Maximum {
@@ -31,30 +41,36 @@ pub(crate) fn maximize_between(
     mut value_at: impl FnMut(f64) -> Result<f64>,
 ) -> Result<Maximum> {
     let at = low + GOLDEN * (high - low);
-    let start = Evaluated {
+    let inner = Evaluated {
         at,
         value: value_at(at)?,
     };
-    let found = maximize_bracketed(low, start, high, tolerance, limit.saturating_sub(1), value_at)?;
+    let [low, high] = [low, high].map(Evaluated::unknown);
+    let found = maximize_bracketed([low, inner, high], tolerance, limit.saturating_sub(1), value_at)?;
     Ok(Maximum {
         evaluations: found.evaluations + 1,
         ..found
     })
 }
 
-/// Brent's search from an inner point whose value is known.
+/// Brent's search between two points from one that is higher than both. Settled, too, when two parabolas in a row agree on their tops.
 ///
 /// Brent, *Algorithms for minimization without derivatives*, 1973, chapter 5.
 pub(crate) fn maximize_bracketed(
-    mut low: f64,
-    inner: Evaluated,
-    mut high: f64,
+    [below, inner, above]: [Evaluated; 3],
     tolerance: f64,
     limit: usize,
     mut value_at: impl FnMut(f64) -> Result<f64>,
 ) -> Result<Maximum> {
-    let (mut best, mut second, mut third) = (inner, inner, inner);
-    let (mut step, mut step_before_last) = (0.0_f64, 0.0_f64);
+    let (mut low, mut high) = (below.at, above.at);
+    let mut best = inner;
+    let (mut second, mut third) = if below.value > above.value {
+        (below, above)
+    } else {
+        (above, below)
+    };
+    let (mut step, mut step_before_last) = (0.0_f64, high - low);
+    let mut follows_parabola = false;
     for evaluations in 0..limit {
         let middle = 0.5 * (low + high);
         if (best.at - middle).abs() <= 2.0 * tolerance - 0.5 * (high - low) {
@@ -64,10 +80,20 @@ pub(crate) fn maximize_bracketed(
                 converged: true,
             });
         }
-        let parabola = parabolic_step(best, second, third).filter(|&candidate| {
+        let candidate = parabolic_step(best, second, third);
+        // The top of the parabola before was gone to, and the one through it is no further: the maximum is as near.
+        if follows_parabola && candidate.is_some_and(|candidate| candidate.abs() < tolerance) {
+            return Ok(Maximum {
+                best,
+                evaluations,
+                converged: true,
+            });
+        }
+        let parabola = candidate.filter(|&candidate| {
             let target = best.at + candidate;
             candidate.abs() < 0.5 * step_before_last.abs() && target > low && target < high
         });
+        follows_parabola = parabola.is_some();
         step_before_last = step;
         step = match parabola {
             Some(candidate) => {

@@ -262,9 +262,13 @@ pub fn maximize_restricted_likelihood(
         let trial = if ahead == inner.at { inner } else { evaluated(ahead)? };
         left -= usize::from(ahead != inner.at);
         if trial.value < inner.value || ahead == inner.at {
-            let (low, high) = (behind.at.min(trial.at), behind.at.max(trial.at));
+            let bracket = if behind.at < trial.at {
+                [behind, inner, trial]
+            } else {
+                [trial, inner, behind]
+            };
             let value_at = |at| evaluated(at).map(|found| found.value);
-            settled = maximize_bracketed(low, inner, high, search.tolerance, left, value_at)?.converged;
+            settled = maximize_bracketed(bracket, search.tolerance, left, value_at)?.converged;
             break;
         }
         (behind, inner) = (inner, trial);

@@ -186,6 +186,15 @@ pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) ->
     }
     start.push(sparse.len());
     let mut matrix = vec![0.0; n * n];
+    if sparse.len() == n && start.windows(2).all(|pair| pair[1] == pair[0] + 1) {
+        // Each node is one coefficient.
+        for (line, &(k, w)) in matrix.chunks_exact_mut(n).zip(&sparse) {
+            for (value, &(l, x)) in line.iter_mut().zip(&sparse) {
+                *value = w * x * form[k][l];
+            }
+        }
+        return matrix;
+    }
     for a in 0..n {
         let mut half = [0.0; 16];
         for &(k, w) in &sparse[start[a]..start[a + 1]] {

@@ -327,19 +327,31 @@ impl Hierarchy {
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
         let [u, v] = self.wrap(u, v);
-        let mut level = 0;
-        let mut scale = 1.0;
+        self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
+    }
+
+    /// The leaf below the base grid that holds `(u, v)`.
+    #[inline(never)]
+    fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
+        let mut level = 1;
         loop {
-            let [columns, rows] = grid(self.base, level);
-            let i = ((u * scale) as usize).min(columns - 1);
-            let j = ((v * scale) as usize).min(rows - 1);
-            let index = j * columns + i;
-            let leaf = self.leaf_number[level][index];
-            if leaf != NOT_A_LEAF {
-                return (leaf as usize, [u * scale - i as f64, v * scale - j as f64]);
+            if let Some(found) = self.cell_at(level, u, v) {
+                return found;
             }
             level += 1;
-            scale *= 2.0;
+        }
+    }
+
+    /// The leaf of one level that holds `(u, v)`, and the local coordinates in it; none where the cell of that level is no leaf.
+    #[inline(always)]
+    fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
+        let [columns, rows] = grid(self.base, level);
+        let scale = (1_u64 << level) as f64;
+        let i = ((u * scale) as usize).min(columns - 1);
+        let j = ((v * scale) as usize).min(rows - 1);
+        match self.leaf_number[level][j * columns + i] {
+            NOT_A_LEAF => None,
+            leaf => Some((leaf as usize, [u * scale - i as f64, v * scale - j as f64])),
         }
     }
 

@@ -9,7 +9,7 @@
 //!
 //! Not guaranteed: the same last digit on machines with other instructions.
 
-use crate::hierarchy::Hierarchy;
+use crate::hierarchy::{Hierarchy, Shape};
 use crate::system::SurfaceSystem;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
@@ -23,6 +23,8 @@ const RUN: usize = 64;
 /// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do not depend on threads.
 const PART: usize = 1 << 14;
 const PARTS: usize = 16;
+/// The leaf of a number without a reading.
+const PASSED_OVER: u32 = u32::MAX;
 /// Cells that one task sums up: few enough for all threads to have work, many enough to be worth a task.
 const CELLS_AT_ONCE: usize = 64;
 
@@ -33,6 +35,25 @@ const WEIGHTS_48: [[f64; 4]; 4] = [
     [23.0, 15.0, -3.0, -3.0],
     [1.0, 3.0, 3.0, 1.0],
 ];
+
+/// Weights of `sᵏ` in `((s ∓ 1)/2)ⁱ` at `[i][k]`, for the lower and the upper half of a cell.
+const POWERS_OF_HALF: [[[f64; 7]; 7]; 2] = [powers_of_half(-1.0), powers_of_half(1.0)];
+
+const fn powers_of_half(end: f64) -> [[f64; 7]; 7] {
+    let mut powers = [[0.0; 7]; 7];
+    powers[0][0] = 1.0;
+    let mut i = 1;
+    while i < 7 {
+        let mut k = 0;
+        while k <= i {
+            let risen = if k > 0 { powers[i - 1][k - 1] } else { 0.0 };
+            powers[i][k] = 0.5 * (risen + end * powers[i - 1][k]);
+            k += 1;
+        }
+        i += 1;
+    }
+    powers
+}
 
 /// Moments of the positions on one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,6 +117,37 @@ impl CellMoments {
             self.squares[d] += factor * other.squares[d];
         }
         self.squares[3] += other.squares[3];
+    }
+
+    /// Adds the moments of one quarter of this cell, whose sides are half as long: `quarter` says which along each direction.
+    ///
+    /// With `S = (s ± 1)/2` the moments of `S` are binomial sums of those of `s`.
+    fn add_quarter(&mut self, fine: &Self, quarter: [usize; 2]) {
+        let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
+        for j in 0..7 {
+            // Σ over powers of t first.
+            let mut row = [0.0; 7];
+            for (l, weight) in along_v[j][..=j].iter().enumerate() {
+                for (sum, m) in row.iter_mut().zip(&fine.gram[l]) {
+                    *sum += weight * m;
+                }
+            }
+            for i in 0..7 {
+                self.gram[j][i] += (0..=i).map(|k| along_u[i][k] * row[k]).sum::<f64>();
+            }
+        }
+        for (own, fine) in self.values.iter_mut().zip(&fine.values) {
+            for j in 0..4 {
+                for i in 0..4 {
+                    own[j][i] += (0..=j)
+                        .map(|l| along_v[j][l] * (0..=i).map(|k| along_u[i][k] * fine[l][k]).sum::<f64>())
+                        .sum::<f64>();
+                }
+            }
+        }
+        for (own, fine) in self.squares.iter_mut().zip(fine.squares) {
+            *own += fine;
+        }
     }
 
     /// Adds a run: the sums stay in registers, first those of the matrix, then those of the vector.
@@ -244,8 +296,8 @@ pub struct AffineMap {
 /// Readings sorted by leaf.
 #[derive(Debug, Clone, Default)]
 struct Part {
-    /// Each reading and its leaf, in the order in which they came.
-    located: Vec<(u32, Reading)>,
+    /// The leaf of each number, in the order in which they came; [`PASSED_OVER`] where there is no reading.
+    leaves: Vec<u32>,
     /// Where each leaf's readings start in `sorted`.
     start: Vec<u32>,
     sorted: Vec<Reading>,
@@ -278,28 +330,21 @@ impl Part {
             range(nu, space.shape().periodic_u()),
             range(nv, space.shape().periodic_v()),
         );
-        self.located.clear();
+        self.leaves.clear();
         self.start.clear();
         self.start.resize(space.leaves().len() + 1, 0);
-        for k in numbers {
-            let Some(reading) = read(k) else { continue };
+        for k in numbers.clone() {
+            let Some(reading) = read(k) else {
+                self.leaves.push(PASSED_OVER);
+                continue;
+            };
             let ([u, v], z) = (reading.parameters, reading.position);
-            let position = [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]];
-            let is_finite = (position[0] + position[1] + position[2]).is_finite();
             let is_weight = (0.0..=f64::MAX).contains(&reading.information);
-            if !(inside_u.contains(&u) && inside_v.contains(&v) && is_finite && is_weight) {
+            if !(inside_u.contains(&u) && inside_v.contains(&v) && (z[0] + z[1] + z[2]).is_finite() && is_weight) {
                 return Err(unusable(k, [nu, nv], &reading));
             }
-            let (leaf, [x, y]) = space.locate(u, v);
-            let local = [2.0 * x - 1.0, 2.0 * y - 1.0];
-            self.located.push((
-                leaf as u32,
-                Reading {
-                    local,
-                    position,
-                    information: reading.information,
-                },
-            ));
+            let (leaf, _) = space.locate(u, v);
+            self.leaves.push(leaf as u32);
             self.start[leaf + 1] += 1;
         }
         let mut sum = 0;
@@ -307,11 +352,21 @@ impl Part {
             sum += *start;
             *start = sum;
         }
-        self.sorted.resize(self.located.len(), Reading::default());
-        // Filling moves every start to the next leaf's; shifted by one they are what they were.
-        for &(leaf, reading) in &self.located {
+        self.sorted.resize(sum as usize, Reading::default());
+        // Filling moves every start to the next leaf's; shifted by one they are what they were. Asking twice is cheaper than keeping.
+        for (&leaf, k) in self.leaves.iter().zip(numbers) {
+            if leaf == PASSED_OVER {
+                continue;
+            }
+            let Some(reading) = read(k) else { continue };
+            let ([u, v], z) = (reading.parameters, reading.position);
+            let (_, [x, y]) = space.locate(u, v);
             let place = &mut self.start[leaf as usize];
-            self.sorted[*place as usize] = reading;
+            self.sorted[*place as usize] = Reading {
+                local: [2.0 * x - 1.0, 2.0 * y - 1.0],
+                position: [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]],
+                information: reading.information,
+            };
             *place += 1;
         }
         self.start.rotate_right(1);
@@ -371,7 +426,8 @@ impl PositionSums {
         })
     }
 
-    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below `size`, none to pass over one.
+    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below `size`, none to pass over one. Each is asked
+    /// for twice and has to be the same.
     ///
     /// # Errors
     /// As for [`Self::add`]; the number in messages is `k`.
@@ -445,11 +501,42 @@ impl PositionSums {
             return Ok(());
         };
         let to = *self.origin.get_or_insert(from);
-        for (own, other) in self.cells.iter_mut().zip(&other.cells) {
-            own.merge(&other.moved(std::array::from_fn(|d| from[d] - to[d])), factor);
-        }
+        let by = std::array::from_fn(|d| from[d] - to[d]);
+        (self.cells.par_iter_mut().zip(&other.cells))
+            .with_min_len(CELLS_AT_ONCE)
+            .for_each(|(own, other)| own.merge(&other.moved(by), factor));
         self.count += other.count;
         Ok(())
+    }
+
+    /// The same positions summed up over cells twice as long and wide; the last row or column may lie half outside the domain.
+    ///
+    /// Parameters there are half of those here. As exact as rounding.
+    ///
+    /// # Errors
+    /// `Input` when the shape is closed or the grid not uniform.
+    pub fn coarsened(&self) -> Result<Self> {
+        let [nu, nv] = self.space.base();
+        if self.space.shape() != Shape::Sheet || self.space.leaves().len() != nu * nv {
+            return Err(Error::input(
+                "only sums over a uniform grid of a sheet can be coarsened",
+            ));
+        }
+        let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [nu.div_ceil(2), nv.div_ceil(2)])?);
+        let mut coarse = Self::new(&space);
+        (coarse.cells.par_iter_mut().zip(space.leaves()))
+            .with_min_len(16)
+            .for_each(|(cell, leaf)| {
+                for quarter in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+                    let [i, j] = [2 * leaf.i as usize + quarter[0], 2 * leaf.j as usize + quarter[1]];
+                    if i < nu && j < nv {
+                        let (fine, _) = self.space.locate(i as f64, j as f64);
+                        cell.add_quarter(&self.cells[fine], quarter);
+                    }
+                }
+            });
+        (coarse.origin, coarse.count) = (self.origin, self.count);
+        Ok(coarse)
     }
 
     /// Where positions are counted from in [`Self::information`]: the solution there lies relative to it.

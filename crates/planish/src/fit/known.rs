@@ -33,9 +33,6 @@ const TASK: usize = 1 << 13;
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
 /// ResidualSums that are enough to find the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Cells along each side, and readings, that are enough to find about the weight of the prior.
-const COARSE: usize = 20;
-const ENOUGH_FOR_WEIGHT: usize = 40_000;
 /// Rounds of weighing and gating, and what must change for another: shares of a variance, and of the readings.
 const MOST_ROUNDS: u32 = 8;
 const SETTLED_VARIANCE: f64 = 0.01;
@@ -47,30 +44,45 @@ const EXACT: f64 = 1e6;
 /// Fewer readings say nothing of a surface and its noise.
 const LEAST_READINGS: usize = 10;
 
-/// What a reading is to the fit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Role {
-    Fitted,
-    HeldOut,
-    Gated,
-}
-
-/// Readings of a set of scans with their roles.
+/// Readings of a set of scans and which of them are fitted.
 struct Readings<'a> {
     set: &'a ScanSet,
     cells: [f64; 2],
     options: &'a FitOptions,
-    held_out_share: f64,
     /// How many there are.
     total: usize,
+    /// Numbers of held-out readings of each scan, ascending.
+    held_out: Vec<Vec<u32>>,
     /// Numbers of gated readings of each scan, ascending.
     gated: Vec<Vec<u32>>,
+    /// For each scan, those that are held out, and those that are held out or gated.
+    is_held_out: Vec<Marks>,
+    is_left_out: Vec<Marks>,
     /// Whether a sensor's σ was stated.
     stated: Vec<bool>,
     /// Each sensor's 1/variance where its scans state no σ: 1 where nobody does.
     information: Vec<f64>,
     /// Whether a scan has a pose to be carried along by.
     is_moved: Vec<bool>,
+}
+
+/// One mark a reading.
+struct Marks(Vec<u64>);
+
+impl Marks {
+    /// Marks on some of so many numbers.
+    fn on<'n>(size: usize, numbers: impl IntoIterator<Item = &'n u32>) -> Self {
+        let mut words = vec![0; size.div_ceil(64)];
+        for &k in numbers {
+            words[k as usize / 64] |= 1 << (k % 64);
+        }
+        Self(words)
+    }
+
+    #[inline(always)]
+    fn has(&self, k: usize) -> bool {
+        self.0[k / 64] & (1 << (k % 64)) != 0
+    }
 }
 
 /// One reading in the world.
@@ -80,7 +92,51 @@ struct Reading {
     point: [f64; 3],
     /// 1/variance as stated; 1 where it was not.
     information: f64,
-    role: Role,
+}
+
+/// Readings of one scan, by their numbers.
+#[derive(Clone, Copy)]
+struct OfScan<'a> {
+    parameters: &'a [[f64; 2]],
+    points: &'a [[f64; 3]],
+    sigma: Option<&'a [f64]>,
+    /// Where none is stated with the readings.
+    information: f64,
+    pose: Option<&'a Pose>,
+    cells: [f64; 2],
+    is_left_out: &'a Marks,
+    is_held_out: &'a Marks,
+}
+
+impl OfScan<'_> {
+    #[inline(always)]
+    fn reading(&self, k: usize) -> Reading {
+        let [u, v] = self.parameters[k];
+        Reading {
+            at: [u * self.cells[0], v * self.cells[1]],
+            point: match self.pose {
+                Some(pose) => pose.apply(self.points[k]),
+                None => self.points[k],
+            },
+            information: match self.sigma {
+                Some(sigma) => 1.0 / (sigma[k] * sigma[k]),
+                None => self.information,
+            },
+        }
+    }
+
+    /// A reading that takes part in the fit.
+    #[inline(always)]
+    fn fitted(&self, k: usize) -> Option<PositionReading> {
+        (!self.is_left_out.has(k)).then(|| {
+            let reading = self.reading(k);
+            PositionReading {
+                parameters: reading.at,
+                position: reading.point,
+                information: reading.information,
+            }
+        })
+    }
 }
 
 impl<'a> Readings<'a> {
@@ -131,12 +187,20 @@ impl<'a> Readings<'a> {
                 )));
             }
         }
+        let held_out = held_out(set, options, total);
+        let marks = || -> Vec<Marks> {
+            (set.scans.iter().zip(&held_out))
+                .map(|(posed, numbers)| Marks::on(posed.scan.points.len(), numbers))
+                .collect()
+        };
         Ok(Self {
             set,
             cells: cells.map(|n| n as f64),
             options,
-            held_out_share: options.held_out_share.min(ENOUGH_HELD_OUT / total as f64),
             total,
+            is_held_out: marks(),
+            is_left_out: marks(),
+            held_out,
             gated: vec![Vec::new(); set.scans.len()],
             stated,
             information: (set.sensors.iter())
@@ -151,42 +215,27 @@ impl<'a> Readings<'a> {
         })
     }
 
-    #[inline]
-    fn reading(&self, s: usize, k: usize) -> Reading {
+    /// The readings of scan `s`.
+    fn of_scan(&self, s: usize) -> OfScan<'_> {
         let posed = &self.set.scans[s];
-        let scan = &posed.scan;
-        let at = scan.parameters.as_ref().map_or([f64::NAN; 2], |all| all[k]);
-        let sigma = scan.sigma.as_ref().map_or(1.0, |all| all[k]);
-        let held_out = self.held_out_share > 0.0 && hash01(self.options.seed, s as u64, k as u64) < self.held_out_share;
-        Reading {
-            at: [at[0] * self.cells[0], at[1] * self.cells[1]],
-            point: match self.is_moved[s] {
-                true => scan.world_from_scanner.apply(scan.points[k]),
-                false => scan.points[k],
-            },
-            information: match scan.sigma {
-                Some(_) => 1.0 / (sigma * sigma),
-                None => self.information[posed.sensor],
-            },
-            role: if held_out {
-                Role::HeldOut
-            } else if self.gated[s].binary_search(&(k as u32)).is_ok() {
-                Role::Gated
-            } else {
-                Role::Fitted
-            },
+        OfScan {
+            parameters: posed.scan.parameters.as_deref().unwrap_or(&[]),
+            points: &posed.scan.points,
+            sigma: posed.scan.sigma.as_deref(),
+            information: self.information[posed.sensor],
+            pose: self.is_moved[s].then_some(&posed.scan.world_from_scanner),
+            cells: self.cells,
+            is_left_out: &self.is_left_out[s],
+            is_held_out: &self.is_held_out[s],
         }
     }
 
-    /// A reading that takes part in the fit.
-    #[inline]
-    fn fitted(&self, s: usize, k: usize) -> Option<PositionReading> {
-        let reading = self.reading(s, k);
-        (reading.role == Role::Fitted).then_some(PositionReading {
-            parameters: reading.at,
-            position: reading.point,
-            information: reading.information,
-        })
+    /// Leaves out other readings by the gate.
+    fn set_gated(&mut self, gated: Vec<Vec<u32>>) {
+        self.is_left_out = (self.set.scans.iter().zip(&gated).zip(&self.held_out))
+            .map(|((posed, gated), held_out)| Marks::on(posed.scan.points.len(), gated.iter().chain(held_out)))
+            .collect();
+        self.gated = gated;
     }
 
     /// Every reading's part in something, task by task in their order: `work(scan, numbers)`.
@@ -205,37 +254,12 @@ impl<'a> Readings<'a> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
         for (s, posed) in self.set.scans.iter().enumerate() {
             progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
+            let scan = self.of_scan(s);
             sums[posed.sensor]
-                .add_from(posed.scan.points.len(), |k| self.fitted(s, k))
+                .add_from(posed.scan.points.len(), |k| scan.fitted(k))
                 .map_err(|e| e.in_context(&posed.scan.name))?;
         }
         Ok(sums)
-    }
-
-    /// About the weight of the prior, by a sample of the readings on a coarse grid; none where that is no cheaper, or has no metric yet.
-    fn first_weight(&self, space: &Hierarchy) -> Result<Option<f64>> {
-        let [nu, nv] = space.base();
-        if space.shape() != Shape::Sheet || nu * nv <= 4 * COARSE * COARSE {
-            return Ok(None);
-        }
-        let cells = [nu.min(COARSE), nv.min(COARSE)];
-        let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, cells)?);
-        let mut sums = PositionSums::new(&coarse);
-        let step = (self.total / ENOUGH_FOR_WEIGHT).max(1);
-        for (s, posed) in self.set.scans.iter().enumerate() {
-            sums.add_from(posed.scan.points.len() / step, |k| {
-                let reading = self.fitted(s, k * step)?;
-                Some(PositionReading {
-                    parameters: std::array::from_fn(|d| reading.parameters[d] * cells[d] as f64 / self.cells[d]),
-                    ..reading
-                })
-            })?;
-        }
-        let system = SurfaceSystem::new(&coarse)?;
-        // What is too little for a first guess may be enough for the fit.
-        let found = Totals::new(&[sums], &[1.0], &system)
-            .and_then(|total| Smoothing::new(&system, &reference_surface(&coarse, &total.sums)?, &total, None));
-        Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
 
     /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals of those inside sum up to.
@@ -243,14 +267,15 @@ impl<'a> Readings<'a> {
         let gate2 = self.options.gate * self.options.gate;
         let parts = self.in_tasks(|s, range| {
             let limit = gate2 * variances[self.set.scans[s].sensor];
+            let scan = self.of_scan(s);
             let mut part = (s, Vec::new(), ResidualSums::default(), ResidualSums::default());
             for k in range {
-                let reading = self.reading(s, k);
-                if reading.role == Role::HeldOut {
+                if scan.is_held_out.has(k) {
                     continue;
                 }
+                let reading = scan.reading(k);
                 let (mut square, mut largest) = (0.0, 0.0_f64);
-                for r in surface.residual(&reading) {
+                for r in surface.residual(reading) {
                     square += r * r;
                     largest = largest.max(r * r);
                 }
@@ -301,10 +326,16 @@ impl<'a> Readings<'a> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
-            for reading in (0..posed.scan.points.len()).step_by(step).map(|k| self.reading(s, k)) {
-                let weight = reading.information.sqrt();
-                residuals[posed.sensor].extend(surface.residual(&reading).map(|r| r * weight));
-            }
+            let scan = self.of_scan(s);
+            let sample = (0..posed.scan.points.len().div_ceil(step)).into_par_iter();
+            let of_sample: Vec<f64> = (sample.with_min_len(TASK))
+                .flat_map_iter(|k| {
+                    let reading = scan.reading(k * step);
+                    let weight = reading.information.sqrt();
+                    surface.residual(reading).map(move |r| r * weight)
+                })
+                .collect();
+            residuals[posed.sensor].extend(of_sample);
         }
         (residuals.iter())
             .map(|all| match all.is_empty() {
@@ -367,8 +398,8 @@ impl Evaluation {
     }
 
     /// Reading minus surface, in the measured coordinates.
-    #[inline]
-    fn residual(&self, reading: &Reading) -> impl Iterator<Item = f64> {
+    #[inline(always)]
+    fn residual(&self, reading: Reading) -> impl Iterator<Item = f64> {
         let (leaf, [x, y]) = self.space.locate(reading.at[0], reading.at[1]);
         let many = self.coordinates.len();
         let own = &self.polynomials[leaf * many..(leaf + 1) * many];
@@ -394,8 +425,16 @@ pub(super) fn fit_known(
     let space = Arc::new(Hierarchy::uniform(shape, cells)?);
     let mut readings = Readings::new(set, cells, options)?;
     progress.check("equations", 0.02)?;
-    let system = SurfaceSystem::new(&space)?;
-    let mut sums = readings.sum(&space, progress)?;
+    let (mut system, mut sums) = (None, Vec::new());
+    rayon::in_place_scope(|scope| {
+        scope.spawn(|_| system = Some(SurfaceSystem::new(&space)));
+        sums = readings.sum(&space, progress)?;
+        Ok::<_, Error>(())
+    })?;
+    let Some(system) = system else {
+        unreachable!("the scope waits for the system")
+    };
+    let system = system?;
     let mut variances = vec![1.0; set.sensors.len()];
     let mut earlier: Option<Smoothing> = None;
     let mut round = 0;
@@ -405,7 +444,7 @@ pub(super) fn fit_known(
         let total = Totals::new(&sums, &variances, &system)?;
         let smoothing = match earlier {
             None => {
-                let start = readings.first_weight(&space)?;
+                let start = Smoothing::first_weight(&total.sums)?;
                 let first = Smoothing::new(&system, &reference_surface(&space, &total.sums)?, &total, start)?;
                 if shape == Shape::Sheet {
                     first
@@ -441,11 +480,24 @@ pub(super) fn fit_known(
             variances = now;
         }
         if changed > 0 {
-            readings.gated = examined.gated;
+            readings.set_gated(examined.gated);
             sums = readings.sum(&space, progress)?;
         }
         earlier = Some(smoothing);
     }
+}
+
+/// Numbers of readings that are held out of each scan: one at random of as many as the share wants, as few as judge the fit.
+fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
+    let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
+    (set.scans.iter().enumerate())
+        .map(|(s, posed)| {
+            let size = posed.scan.points.len();
+            let strata = (size as f64 * share).ceil() as u64;
+            let chosen = (0..strata).map(|b| (b as f64 + hash01(options.seed, s as u64, b)) / share);
+            chosen.filter(|k| *k < size as f64).map(|k| k as u32).collect()
+        })
+        .collect()
 }
 
 /// How many numbers are in one of two lists of ascending lists only.
@@ -526,8 +578,8 @@ impl Solved {
             .collect();
         let model = SurfaceModel {
             unit: set.unit.unwrap_or(Unit::Millimetre),
-            prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured)?,
-            data: about_origin(&total, measured, scale)?,
+            prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured, [0.0; 3])?,
+            data: over_coordinates(&total.information, 1.0 / scale, measured, total.sums.origin())?,
             observed,
             sensors: sensors.clone(),
             poses: pose_reports(set),
@@ -602,12 +654,15 @@ impl Readings<'_> {
         let mut axis = [0.0; 3];
         axis[measured] = 1.0;
         // By leaves: their covariance is what takes long.
-        let parts = self.in_tasks(|s, range| {
-            let held_out = range.map(|k| self.reading(s, k)).filter(|r| r.role == Role::HeldOut);
-            let located = held_out.map(|reading| (surface.space.locate(reading.at[0], reading.at[1]), s, reading));
-            located.collect::<Vec<_>>()
-        });
-        let mut held_out: Vec<_> = parts.into_iter().flatten().collect();
+        let mut held_out: Vec<_> = (self.held_out.iter().enumerate())
+            .flat_map(|(s, numbers)| {
+                let scan = self.of_scan(s);
+                numbers.iter().map(move |&k| {
+                    let reading = scan.reading(k as usize);
+                    (surface.space.locate(reading.at[0], reading.at[1]), s, reading)
+                })
+            })
+            .collect();
         held_out.sort_by_key(|((leaf, _), _, _)| *leaf);
         let judged: Vec<Option<f64>> = held_out
             .chunk_by(|a, b| a.0.0 == b.0.0)
@@ -619,7 +674,7 @@ impl Readings<'_> {
                     let of_surface = cell.variance_along(&leaf_weights(local[0], local[1]), axis);
                     let of_reading = scale * variances[self.set.scans[*s].sensor] / reading.information;
                     let (mut largest, mut squares) = (0.0_f64, 0.0);
-                    for r in surface.residual(reading) {
+                    for r in surface.residual(*reading) {
                         let square = r * r / (of_reading + of_surface);
                         largest = largest.max(square);
                         squares += square;
@@ -652,34 +707,34 @@ fn least_variance(surface: &Surface, total: &Totals) -> f64 {
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
 }
 
-/// Information of one unknown a node over all three coordinates, times a factor; exact coordinates are held much firmer.
-fn over_coordinates(information: &BlockInformation, factor: f64, measured: [bool; 3]) -> Result<BlockInformation> {
+/// Information of one unknown a node over all three coordinates, times a factor, about the world's origin where it was about another;
+/// exact coordinates are held much firmer.
+fn over_coordinates(
+    information: &BlockInformation,
+    factor: f64,
+    measured: [bool; 3],
+    origin: [f64; 3],
+) -> Result<BlockInformation> {
     let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
     let weights = measured.map(|m| if m { factor } else { EXACT * factor });
-    for (block, value) in out.values_mut().chunks_exact_mut(9).zip(information.values()) {
-        for d in 0..3 {
-            block[4 * d] = weights[d] * value;
-        }
+    (out.values_mut().par_chunks_exact_mut(9).zip(information.values()))
+        .with_min_len(TASK)
+        .for_each(|(block, value)| {
+            for d in 0..3 {
+                block[4 * d] = weights[d] * value;
+            }
+        });
+    let mut row_sums = vec![0.0; information.dimension()];
+    if origin != [0.0; 3] {
+        information.multiply(&vec![1.0; information.dimension()], &mut row_sums)?;
     }
-    for (to, from) in out
-        .vector_mut()
-        .chunks_exact_mut(3)
-        .zip(information.vector().chunks_exact(3))
-    {
+    let rows = information.vector().chunks_exact(3).zip(&row_sums);
+    for (to, (from, sum)) in out.vector_mut().chunks_exact_mut(3).zip(rows) {
         for d in 0..3 {
-            to[d] = weights[d] * from[d];
+            to[d] = weights[d] * (from[d] + sum * origin[d]);
         }
     }
     Ok(out)
-}
-
-/// The readings' information over all coordinates, about the world's origin.
-fn about_origin(total: &Totals, measured: [bool; 3], scale: f64) -> Result<BlockInformation> {
-    let mut data = over_coordinates(&total.information, 1.0 / scale, measured)?;
-    let origin = total.sums.origin();
-    let by: Vec<f64> = (0..data.dimension()).map(|k| origin[k % 3]).collect();
-    data.translate(&by)?;
-    Ok(data)
 }
 
 #[cfg(test)]

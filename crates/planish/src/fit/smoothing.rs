@@ -14,9 +14,12 @@ use std::sync::Arc;
 
 /// How well `log w` is settled: its standard error is rarely below a tenth.
 const TOLERANCE: f64 = 0.03;
-/// First steps of `log w`, from a weight that was found and from a guess.
+/// First steps of `log w`: from a weight that was found, from one of a coarser grid, and from a guess.
 const NEAR: f64 = 0.5;
+const ABOUT: f64 = 1.0;
 const FAR: f64 = 2.0;
+/// So few cells need no coarser ones to begin with.
+const FEW_CELLS: usize = 100;
 /// A coordinate is an affine function of the parameters where its variance about one is less than this share of its own.
 const EXACT_SHARE: f64 = 1e-12;
 
@@ -34,9 +37,13 @@ impl Totals {
         for (sums, variance) in sums.iter().zip(variances) {
             total.merge(sums, 1.0 / variance)?;
         }
-        let (information, squares) = (total.information(system)?, total.squares());
+        Self::of(total, system)
+    }
+
+    fn of(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
+        let (information, squares) = (sums.information(system)?, sums.squares());
         Ok(Self {
-            sums: total,
+            sums,
             information,
             squares,
         })
@@ -74,8 +81,29 @@ impl Smoothing {
         // Smooth over one cell to begin with.
         let readings: f64 = total.sums.weight();
         let start = readings / area * (area / leaves as f64).powi(2);
-        let step = if known.is_some() { NEAR } else { FAR };
+        let step = if known.is_some() { ABOUT } else { FAR };
         Self::search(system, energy, total, None, known.unwrap_or(start), step)
+    }
+
+    /// About the weight that [`Self::new`] finds, by cells four times as large: much cheaper, and nearer than any guess. None where there
+    /// are few cells, or where the metric is not known from the readings.
+    pub(super) fn first_weight(sums: &PositionSums) -> Result<Option<f64>> {
+        let space = sums.space();
+        if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {
+            return Ok(None);
+        }
+        let coarse = sums.coarsened()?.coarsened()?;
+        let start = Self::first_weight(&coarse)?;
+        let system = SurfaceSystem::new(coarse.space())?;
+        let total = Totals::of(coarse, &system)?;
+        let found = Self::new(
+            &system,
+            &reference_surface(total.sums.space(), &total.sums)?,
+            &total,
+            start,
+        );
+        // What does not settle on large cells may on small ones.
+        Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
 
     /// The same with other readings: starts from the weight found before.
@@ -116,38 +144,44 @@ impl Smoothing {
             ..SmoothnessSearch::from_start(start)
         };
         let vector = total.information.vector();
+        let noisy: Vec<f64> = (vector.chunks_exact(3))
+            .flat_map(|eta| (0..3).filter(|&d| measured[d]).map(|d| eta[d]))
+            .collect();
+        let squares: f64 = (0..3).filter(|&d| measured[d]).map(|d| total.squares[d]).sum();
         let mut factor = earlier;
-        let mut solution = Vec::new();
-        let solve = |weight: f64, solution: &mut Vec<f64>, factor: &mut Option<CholeskyFactor>| -> Result<()> {
-            let mut matrix = total.information.clone();
+        let mut factored_at = None;
+        let mut matrix = total.information.clone();
+        let mut factorize = |weight: f64, factor: &mut Option<CholeskyFactor>| -> Result<()> {
+            matrix.values_mut().copy_from_slice(total.information.values());
             matrix.add_scaled(&energy, weight)?;
-            let made = system.refactorize_scalar(factor.take(), &matrix)?;
-            solution.clear();
-            solution.extend_from_slice(vector);
-            made.solve_in_place(solution)?;
-            *factor = Some(made);
+            *factor = Some(system.refactorize_scalar(factor.take(), &matrix)?);
             Ok(())
         };
+        let mut whitened = Vec::new();
         let found = maximize_restricted_likelihood(&model, &search, |weight| {
-            solve(weight, &mut solution, &mut factor)?;
-            // zᵀWz − x̂ᵀη is the residual and w times the roughness together.
-            let mut explained = [0.0; 3];
-            for (x, y) in solution.chunks_exact(3).zip(vector.chunks_exact(3)) {
-                for d in 0..3 {
-                    explained[d] += x[d] * y[d];
-                }
-            }
-            let left = |d: usize| total.squares[d] - explained[d];
-            let penalized: f64 = (0..3).filter(|&d| measured[d]).map(left).sum();
+            factored_at = None;
+            factorize(weight, &mut factor)?;
+            let Some(made) = &factor else {
+                unreachable!("a factor was made")
+            };
+            factored_at = Some(weight);
+            // zᵀWz − ηᵀA⁻¹η is the residual and w times the roughness together.
+            whitened.clone_from(&noisy);
+            made.solve_lower_in_place(&mut whitened)?;
+            let explained: f64 = whitened.iter().map(|x| x * x).sum();
             Ok(SmoothnessEvaluation {
-                log_determinant: coordinates as f64 * factor.as_ref().map_or(f64::NAN, CholeskyFactor::log_determinant),
-                residual: penalized.max(f64::MIN_POSITIVE),
+                log_determinant: coordinates as f64 * made.log_determinant(),
+                residual: (squares - explained).max(f64::MIN_POSITIVE),
                 roughness: 0.0,
                 trace: None,
             })
         })?;
-        solve(found.weight, &mut solution, &mut factor)?;
+        if factored_at != Some(found.weight) {
+            factorize(found.weight, &mut factor)?;
+        }
         let factor = factor.ok_or_else(|| Error::undetermined("the readings determine no weight"))?;
+        let mut solution = vector.to_vec();
+        factor.solve_in_place(&mut solution)?;
         Ok(Self {
             found,
             energy,

@@ -189,3 +189,23 @@ fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
         .unwrap();
     assert_eq!(line.affine(), None);
 }
+
+#[test]
+fn coarser_cells_have_the_sums_of_what_lies_on_them() {
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [7, 4]).unwrap());
+    let (parameters, positions, weights) = readings(3_000, [7.0, 4.0], 11);
+    let mut sums = PositionSums::new(&space);
+    sums.add(&parameters, &positions, Some(&weights)).unwrap();
+    let coarse = sums.coarsened().unwrap();
+    assert_eq!(coarse.space().base(), [4, 2]);
+    let mut wanted = PositionSums::new(coarse.space());
+    let halves: Vec<[f64; 2]> = parameters.iter().map(|p| p.map(|x| 0.5 * x)).collect();
+    wanted.add(&halves, &positions, Some(&weights)).unwrap();
+    assert_eq!(coarse.count(), wanted.count());
+    for (found, wanted) in coarse.cells.iter().zip(&wanted.cells) {
+        assert_eq!(found.count(), wanted.count());
+        assert_same(&found.information(), &wanted.information(), found.gram[0][0]);
+    }
+    let tube = Arc::new(Hierarchy::uniform(Shape::Tube, [6, 4]).unwrap());
+    assert!(PositionSums::new(&tube).coarsened().is_err());
+}
