@@ -6,9 +6,10 @@
 //! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search starts it at the
 //! sample whose position and normal agree best, which tells the two sides of a thin part apart.
 
+use crate::hierarchy::Shape;
 use crate::surface::{Jet, Surface};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use planish_estimate::vector3::{dot, norm, scale, sub};
+use planish_estimate::vector3::{add, dot, norm, scale, sub, tangents};
 use planish_estimate::{Error, Result};
 
 /// Where a measured point projects to.
@@ -185,11 +186,132 @@ pub struct FootPointSearch {
     normal_scale: f64,
 }
 
-/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten times as long.
+/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten times as long; and over a
+/// plane that a sheet covers but once, no tree is needed.
 enum SampleTree {
+    Raster(Raster),
     Positions(ImmutableKdTree<f64, 3>),
     WithNormals(ImmutableKdTree<f64, 6>),
 }
+
+/// A sheet seen from above is one layer where no normal leans further than this from the mean: the cosine, of 60°.
+const STEEPEST: f64 = 0.5;
+
+/// For each cell of a raster in a plane, the sample that lies nearest to its middle.
+struct Raster {
+    origin: [f64; 3],
+    /// Two directions in the plane, each over the size of a cell.
+    axes: [[f64; 3]; 2],
+    size: [usize; 2],
+    sample: Vec<u32>,
+}
+
+impl Raster {
+    /// A raster over the mean plane of samples with unit normals; none where they are no single layer above it.
+    fn of_layer(samples: &[[f64; 3]], normals: &[[f64; 3]]) -> Option<Self> {
+        let mut mean = [0.0; 3];
+        for normal in normals {
+            mean = add(mean, *normal);
+        }
+        let up = scale(1.0 / norm(mean), mean);
+        let is_layer = normals.iter().all(|normal| dot(*normal, up) > STEEPEST);
+        if !is_layer {
+            return None;
+        }
+        let (along, across) = tangents(up);
+        let axes = [along, across];
+        let origin = samples[0];
+        let in_plane = |p: &[f64; 3]| axes.map(|axis| dot(axis, sub(*p, origin)));
+        let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for p in samples {
+            for (range, x) in bounds.iter_mut().zip(in_plane(p)) {
+                *range = [range[0].min(x), range[1].max(x)];
+            }
+        }
+        let sides = bounds.map(|[low, high]| high - low);
+        // About a cell a sample; a sliver would have more.
+        let cell = (sides[0] * sides[1] / samples.len() as f64).sqrt();
+        let is_sliver = sides.iter().any(|side| side / cell > samples.len() as f64);
+        if cell.is_nan() || cell <= 0.0 || is_sliver {
+            return None;
+        }
+        let size = sides.map(|side| (side / cell) as usize + 1);
+        let origin = add(origin, add(scale(bounds[0][0], axes[0]), scale(bounds[1][0], axes[1])));
+        let mut raster = Self {
+            origin,
+            axes: axes.map(|axis| scale(1.0 / cell, axis)),
+            size,
+            sample: vec![NO_SAMPLE; size[0] * size[1]],
+        };
+        raster.fill(samples);
+        Some(raster)
+    }
+
+    /// Every sample in its own cell; then each cell without any takes the nearest of those that its neighbours have.
+    fn fill(&mut self, samples: &[[f64; 3]]) {
+        let places: Vec<[f64; 2]> = samples.iter().map(|p| self.place(*p)).collect();
+        let [columns, rows] = self.size;
+        let distance = |sample: u32, cell: usize| {
+            let middle = [(cell % columns) as f64 + 0.5, (cell / columns) as f64 + 0.5];
+            let [x, y] = places[sample as usize];
+            (x - middle[0]).powi(2) + (y - middle[1]).powi(2)
+        };
+        for (k, p) in (0..).zip(samples) {
+            let cell = self.cell(*p);
+            if self.sample[cell] == NO_SAMPLE || distance(k, cell) < distance(self.sample[cell], cell) {
+                self.sample[cell] = k;
+            }
+        }
+        // Two sweeps, down and up again, of nearest neighbours (Danielsson 1980).
+        let mut offer = |from: Option<usize>, cell: usize| {
+            let Some(offered) = from.map(|from| self.sample[from]).filter(|&k| k != NO_SAMPLE) else {
+                return;
+            };
+            let own = self.sample[cell];
+            if own == NO_SAMPLE || distance(offered, cell) < distance(own, cell) {
+                self.sample[cell] = offered;
+            }
+        };
+        for j in 0..rows {
+            (0..columns).for_each(|i| {
+                let cell = j * columns + i;
+                offer(cell.checked_sub(columns), cell);
+                offer((i > 0).then(|| cell - 1), cell);
+            });
+            (0..columns).rev().for_each(|i| {
+                let cell = j * columns + i;
+                offer((i + 1 < columns).then(|| cell + 1), cell);
+            });
+        }
+        for j in (0..rows).rev() {
+            (0..columns).rev().for_each(|i| {
+                let cell = j * columns + i;
+                offer((j + 1 < rows).then(|| cell + columns), cell);
+                offer((i + 1 < columns).then(|| cell + 1), cell);
+            });
+            (0..columns).for_each(|i| {
+                let cell = j * columns + i;
+                offer((i > 0).then(|| cell - 1), cell);
+            });
+        }
+    }
+
+    /// In the plane, in cells.
+    #[inline]
+    fn place(&self, p: [f64; 3]) -> [f64; 2] {
+        self.axes.map(|axis| dot(axis, sub(p, self.origin)))
+    }
+
+    /// The cell of a point; the nearest one beyond the raster.
+    #[inline]
+    fn cell(&self, p: [f64; 3]) -> usize {
+        let [x, y] = self.place(p);
+        // Negative numbers become zero.
+        (y as usize).min(self.size[1] - 1) * self.size[0] + (x as usize).min(self.size[0] - 1)
+    }
+}
+
+const NO_SAMPLE: u32 = u32::MAX;
 
 impl FootPointSearch {
     /// Samples every leaf at `per_side × per_side` points.
@@ -201,17 +323,16 @@ impl FootPointSearch {
     /// `Undetermined` when no sample of the surface is usable.
     pub fn new(surface: &Surface, per_side: usize, normal_scale: f64) -> Result<Self> {
         let space = surface.space();
-        let (mut samples, mut parameters) = (Vec::new(), Vec::new());
+        let (mut samples, mut normals, mut parameters) = (Vec::new(), Vec::new(), Vec::new());
         for leaf in 0..space.leaves().len() {
             for b in 0..per_side {
                 for a in 0..per_side {
                     let local = [a, b].map(|k| (k as f64 + 0.5) / per_side as f64);
                     let jet = surface.leaf_jet(leaf, local[0], local[1]);
-                    let normal = scale(normal_scale, jet.normal().unwrap_or([0.0; 3]));
-                    let p = jet.point;
-                    let sample = [p[0], p[1], p[2], normal[0], normal[1], normal[2]];
-                    if sample.iter().all(|c| c.is_finite()) {
-                        samples.push(sample);
+                    let normal = jet.normal().unwrap_or([0.0; 3]);
+                    if jet.point.iter().chain(&normal).all(|c| c.is_finite()) {
+                        samples.push(jet.point);
+                        normals.push(normal);
                         parameters.push(space.parameters(leaf, local));
                     }
                 }
@@ -221,11 +342,18 @@ impl FootPointSearch {
             return Err(Error::undetermined("the surface has no point to search from"));
         }
         let unusable = |e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}"));
+        let layer = || Raster::of_layer(&samples, &normals).filter(|_| space.shape() == Shape::Sheet);
         let tree = if normal_scale > 0.0 {
-            SampleTree::WithNormals(ImmutableKdTree::new_from_slice(&samples).map_err(unusable)?)
+            let with_normals = samples.iter().zip(&normals).map(|(p, n)| {
+                let n = scale(normal_scale, *n);
+                [p[0], p[1], p[2], n[0], n[1], n[2]]
+            });
+            let with_normals: Vec<[f64; 6]> = with_normals.collect();
+            SampleTree::WithNormals(ImmutableKdTree::new_from_slice(&with_normals).map_err(unusable)?)
+        } else if let Some(raster) = layer() {
+            SampleTree::Raster(raster)
         } else {
-            let positions: Vec<[f64; 3]> = samples.iter().map(|s| [s[0], s[1], s[2]]).collect();
-            SampleTree::Positions(ImmutableKdTree::new_from_slice(&positions).map_err(unusable)?)
+            SampleTree::Positions(ImmutableKdTree::new_from_slice(&samples).map_err(unusable)?)
         };
         Ok(Self {
             tree,
@@ -234,10 +362,12 @@ impl FootPointSearch {
         })
     }
 
-    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown).
+    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown); along the mean normal, where the surface is
+    /// a sheet of one layer and normals do not count.
     #[must_use]
     pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
         let item = match &self.tree {
+            SampleTree::Raster(raster) => return self.parameters[raster.sample[raster.cell(z)] as usize],
             SampleTree::Positions(tree) => tree.query(&z).nearest_one::<SquaredEuclidean<f64>>().execute().item,
             SampleTree::WithNormals(tree) => {
                 let n = scale(self.normal_scale, normal);
@@ -304,6 +434,41 @@ mod tests {
             naive > 10.0 * standard_error && corrected.abs() < 4.0 * standard_error,
             "{naive} {corrected}"
         );
+    }
+
+    #[test]
+    fn over_a_sheet_of_one_layer_the_search_begins_as_near_as_a_tree_would() {
+        // Waves on a plane that leans, whose corners are cut off the raster's: some cells have no sample of their own.
+        let along = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0]];
+        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0]).surface([16, 8]).unwrap();
+        let vertices = (plane.vertices().iter())
+            .map(|p| [p[0], p[1] + 0.3 * p[0], p[2] + 0.02 * (5.0 * p[1]).sin()])
+            .collect();
+        let sheet = Surface::new(std::sync::Arc::clone(plane.space()), vertices).unwrap();
+        let search = FootPointSearch::new(&sheet, 2, 0.0).unwrap();
+        assert!(matches!(search.tree, SampleTree::Raster(_)));
+        for n in 0..2_000 {
+            let [u, v] = [(f64::from(n) * 0.618_034).fract() * 16.0, (f64::from(n) * 0.754_878).fract() * 8.0];
+            let jet = sheet.jet(u, v);
+            let normal = jet.normal().unwrap();
+            let height = 0.05 * f64::from(n % 7 - 3);
+            let p = add(jet.point, scale(height, normal));
+            let start = search.nearest(p, [0.0; 3]);
+            assert!((start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0, "{start:?} {u} {v}");
+            let foot = sheet.project(p, start, &ProjectionOptions::default());
+            assert!(foot.converged && (foot.height - height).abs() < 1e-5, "{foot:?}");
+        }
+        // Far outside, the nearest cell will do.
+        let foot = sheet.project([1e3, 1e3, 0.0], search.nearest([1e3, 1e3, 0.0], [0.0; 3]), &ProjectionOptions::default());
+        assert!(foot.at_border);
+    }
+
+    #[test]
+    fn a_sheet_that_is_rolled_up_is_no_layer() {
+        let space = std::sync::Arc::new(crate::Hierarchy::uniform(Shape::Sheet, [16, 8]).unwrap());
+        let rolled = crate::base::fit_function(&space, |u, v| [(0.3 * u).cos(), (0.3 * u).sin(), v]).unwrap();
+        let search = FootPointSearch::new(&rolled, 2, 0.0).unwrap();
+        assert!(matches!(search.tree, SampleTree::Positions(_)));
     }
 
     #[test]
