@@ -101,6 +101,18 @@ impl CellInformation {
         }
     }
 
+    /// Adds symmetric matrices over the sixteen coefficients for `xx xy xz yy yz zz`, and a vector.
+    pub(crate) fn add_triangles(&mut self, matrices: &[[[f64; 16]; 16]; 6], vector: &[[f64; 3]; 16]) {
+        for (triangle, matrix) in self.matrix.iter_mut().zip(matrices) {
+            for (k, (line, row)) in triangle.iter_mut().zip(matrix).enumerate() {
+                add_to_triangle(line, k, 1.0, row);
+            }
+        }
+        for (own, more) in self.vector.as_flattened_mut().iter_mut().zip(vector.as_flattened()) {
+            *own += more;
+        }
+    }
+
     /// Adds another cell's information.
     pub fn add(&mut self, other: &Self) {
         for (a, b) in self.matrix.iter_mut().zip(&*other.matrix) {

@@ -440,7 +440,9 @@ mod tests {
     fn over_a_sheet_of_one_layer_the_search_begins_as_near_as_a_tree_would() {
         // Waves on a plane that leans, whose corners are cut off the raster's: some cells have no sample of their own.
         let along = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0]];
-        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0]).surface([16, 8]).unwrap();
+        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0])
+            .surface([16, 8])
+            .unwrap();
         let vertices = (plane.vertices().iter())
             .map(|p| [p[0], p[1] + 0.3 * p[0], p[2] + 0.02 * (5.0 * p[1]).sin()])
             .collect();
@@ -448,18 +450,28 @@ mod tests {
         let search = FootPointSearch::new(&sheet, 2, 0.0).unwrap();
         assert!(matches!(search.tree, SampleTree::Raster(_)));
         for n in 0..2_000 {
-            let [u, v] = [(f64::from(n) * 0.618_034).fract() * 16.0, (f64::from(n) * 0.754_878).fract() * 8.0];
+            let [u, v] = [
+                (f64::from(n) * 0.618_034).fract() * 16.0,
+                (f64::from(n) * 0.754_878).fract() * 8.0,
+            ];
             let jet = sheet.jet(u, v);
             let normal = jet.normal().unwrap();
             let height = 0.05 * f64::from(n % 7 - 3);
             let p = add(jet.point, scale(height, normal));
             let start = search.nearest(p, [0.0; 3]);
-            assert!((start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0, "{start:?} {u} {v}");
+            assert!(
+                (start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0,
+                "{start:?} {u} {v}"
+            );
             let foot = sheet.project(p, start, &ProjectionOptions::default());
             assert!(foot.converged && (foot.height - height).abs() < 1e-5, "{foot:?}");
         }
         // Far outside, the nearest cell will do.
-        let foot = sheet.project([1e3, 1e3, 0.0], search.nearest([1e3, 1e3, 0.0], [0.0; 3]), &ProjectionOptions::default());
+        let foot = sheet.project(
+            [1e3, 1e3, 0.0],
+            search.nearest([1e3, 1e3, 0.0], [0.0; 3]),
+            &ProjectionOptions::default(),
+        );
         assert!(foot.at_border);
     }
 

@@ -6,6 +6,7 @@
 mod base;
 mod basis;
 mod cell_information;
+mod directed_moments;
 mod energy;
 mod extraction;
 mod field;
@@ -21,6 +22,7 @@ mod tessellation;
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
+pub use directed_moments::{DirectedMoments, DirectedSums};
 pub use energy::{LeafEnergy, QuadraturePoint, quadrature};
 pub use field::FieldPoints;
 pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};

@@ -207,40 +207,50 @@ impl CellMoments {
     /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: some 1,500 multiply-adds.
     #[must_use]
     pub fn information(&self) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
-        let products = weight_products();
-        let mut matrix = [[0.0; 16]; 16];
-        for k in 0..4 {
-            for l in 0..=k {
-                // Summed over powers of s first.
-                let mut along = [0.0; 7];
-                for (sum, row) in along.iter_mut().zip(&self.gram) {
-                    *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();
-                }
-                for r in 0..4 {
-                    for q in 0..=r {
-                        let sum: f64 = (0..7).map(|j| products[r][q][j] * along[j]).sum();
-                        for (r, q) in [(r, q), (q, r)] {
-                            matrix[4 * r + k][4 * q + l] = sum;
-                            matrix[4 * r + l][4 * q + k] = sum;
-                        }
+        (matrix_of_moments(&self.gram), vector_of_moments(&self.values))
+    }
+}
+
+/// `Σ w b_k b_l` over the sixteen weights of a cell from `Σ w sⁱ tʲ` at `[j][i]`.
+pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
+    let products = weight_products();
+    let mut matrix = [[0.0; 16]; 16];
+    for k in 0..4 {
+        for l in 0..=k {
+            // Summed over powers of s first.
+            let mut along = [0.0; 7];
+            for (sum, row) in along.iter_mut().zip(gram) {
+                *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();
+            }
+            for r in 0..4 {
+                for q in 0..=r {
+                    let sum: f64 = (0..7).map(|j| products[r][q][j] * along[j]).sum();
+                    for (r, q) in [(r, q), (q, r)] {
+                        matrix[4 * r + k][4 * q + l] = sum;
+                        matrix[4 * r + l][4 * q + k] = sum;
                     }
                 }
             }
         }
-        let mut vector = [[0.0; 3]; 16];
-        for d in 0..3 {
-            for k in 0..4 {
-                let mut along = [0.0; 4];
-                for (sum, row) in along.iter_mut().zip(&self.values[d]) {
-                    *sum = (0..4).map(|i| WEIGHTS_48[k][i] / 48.0 * row[i]).sum();
-                }
-                for r in 0..4 {
-                    vector[4 * r + k][d] = (0..4).map(|j| WEIGHTS_48[r][j] / 48.0 * along[j]).sum();
-                }
+    }
+    matrix
+}
+
+/// `Σ w b_k z` of three coordinates from `Σ w z sⁱ tʲ` at `[d][j][i]`.
+pub(crate) fn vector_of_moments(values: &[[[f64; 4]; 4]; 3]) -> [[f64; 3]; 16] {
+    let mut vector = [[0.0; 3]; 16];
+    for d in 0..3 {
+        for k in 0..4 {
+            let mut along = [0.0; 4];
+            for (sum, row) in along.iter_mut().zip(&values[d]) {
+                *sum = (0..4).map(|i| WEIGHTS_48[k][i] / 48.0 * row[i]).sum();
+            }
+            for r in 0..4 {
+                vector[4 * r + k][d] = (0..4).map(|j| WEIGHTS_48[r][j] / 48.0 * along[j]).sum();
             }
         }
-        (matrix, vector)
     }
+    vector
 }
 
 /// Coefficients of the products of two weights, as polynomials of degree six.

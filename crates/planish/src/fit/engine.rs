@@ -6,7 +6,7 @@ use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trac
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::variance_along;
-use planish_spline::{FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{DirectedSums, FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -141,6 +141,20 @@ pub(super) fn accumulate(
         }
         any
     })
+}
+
+/// [`accumulate`] into sums that other readings will be added to.
+pub(super) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], information: &[f64]) {
+    let (start, order) = by_leaf(feet, surface.space().leaves().len());
+    sums.add(|leaf, moments| {
+        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+            let (foot, w) = (&feet[k as usize], information[k as usize]);
+            if w > 0.0 {
+                let on_surface = surface.leaf_point(leaf, foot.local[0], foot.local[1]);
+                moments.add(foot.local, foot.normal, dot(foot.normal, on_surface) + foot.height, w);
+            }
+        }
+    });
 }
 
 /// The outcome of [`normal_step`].

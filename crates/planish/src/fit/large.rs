@@ -9,7 +9,7 @@
 //!
 //! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to the nearest side of the surface.
 
-use super::engine::{FootSensors, accumulate, normal_step, project};
+use super::engine::{FootSensors, add_up, normal_step, project};
 use super::noise::{ResidualSums, SensorNoise};
 use super::observations::{ObservationOptions, Observations, Rejection, has_ground};
 use super::stages::{Settled, observed_leaves, weights};
@@ -20,7 +20,7 @@ use planish_estimate::sparse::BlockInformation;
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 use planish_sense::{Ground, GroundOptions, Scan, classify_ground};
-use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
+use planish_spline::{DirectedSums, FootPointSearch, Surface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -222,17 +222,16 @@ impl Absorbed {
     fn add(
         &mut self,
         surface: &Surface,
-        system: &SurfaceSystem,
+        sums: &mut DirectedSums,
         noise: &SensorNoise,
         (observations, subset): (&Observations, &[u32]),
         search: &FootPointSearch,
         gate: f64,
-    ) -> Result<()> {
+    ) {
         let mut at = vec![[f64::NAN; 2]; observations.len()];
         let feet = project(surface, observations, subset, &mut at, Some(search), &noise.used);
         let information = weights(observations, subset, &feet, noise, gate, false);
-        self.data
-            .add_scaled(&accumulate(system, surface, &feet, &information)?, 1.0)?;
+        add_up(sums, surface, &feet, &information);
         for (seen, now) in self
             .observed
             .iter_mut()
@@ -255,7 +254,6 @@ impl Absorbed {
                 }),
             }
         }
-        Ok(())
     }
 }
 
@@ -279,6 +277,7 @@ pub(super) fn absorb(
         used: vec![ResidualSums::default(); first.stated.len()],
     };
     let search = FootPointSearch::new(surface, 2, 0.0)?;
+    let mut sums = DirectedSums::new(surface.space());
     // While one part is projected the next is dealt out, which one thread does.
     let mut coming = Some(prepared(parts, 1, origin, options));
     for number in 1..parts.count {
@@ -286,11 +285,19 @@ pub(super) fn absorb(
         let Some(part) = coming.take() else { break };
         let (observations, subset) = part?;
         let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, origin, options));
-        let add = || absorbed.add(surface, system, noise, (&observations, &subset), &search, options.gate);
-        let (added, next) = rayon::join(add, next);
-        added?;
-        coming = next;
+        let add = || {
+            absorbed.add(
+                surface,
+                &mut sums,
+                noise,
+                (&observations, &subset),
+                &search,
+                options.gate,
+            );
+        };
+        coming = rayon::join(add, next).1;
     }
+    absorbed.data = sums.information(system)?;
     progress.check("settling", 0.86)?;
     let information = weights(
         first,
