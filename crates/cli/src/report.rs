@@ -204,8 +204,13 @@ pub fn sensor_cells(sensor: &SensorReport) -> [String; 5] {
     } else {
         "stated"
     };
+    let name = match sensor.quantity.as_str() {
+        "normal" => format!("{} (normals, °)", sensor.name),
+        "curvature" => format!("{} (curvatures)", sensor.name),
+        _ => sensor.name.clone(),
+    };
     [
-        sensor.name.clone(),
+        name,
         count(sensor.observations),
         sensor.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
         significant(sensor.sigma_estimated, 3),

@@ -6,9 +6,11 @@
 //! unit = "mm"                      # mm, m or in
 //!
 //! [sensor.laser]
-//! kind = "range"                   # range or touch
+//! kind = "range"                   # range, touch, stereo, normal or curvature
 //! sigma_along = 0.05               # along the ray and across it, or one `sigma` for all directions;
 //! sigma_across = 0.02              # without either it is estimated
+//! sigma_deg = 2.0                  # of the normals that its scans hold: they then are measurements, too
+//! sigma_k = 0.01                   # of their principal curvatures, one over the unit, likewise
 //!
 //! [[scan]]
 //! sensor = "laser"                 # may be left out where only one sensor is named, or none
@@ -25,7 +27,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use planish_estimate::{Error, ErrorKind, Result};
+use planish_estimate::{Error, Result};
 use planish_sense::{Noise, Pose, Sensor, SensorKind, Viewing};
 use serde::Deserialize;
 use toml::Spanned;
@@ -66,21 +68,6 @@ pub struct ScanEntry {
     pub line: usize,
 }
 
-/// Kinds of sensors that jobs may name one day.
-const PLANNED_KINDS: [&str; 3] = ["normal", "curvature", "stereo"];
-
-/// Only the kinds: they decide which keys a sensor may have.
-#[derive(Deserialize)]
-struct KindsOnly {
-    #[serde(default)]
-    sensor: BTreeMap<String, KindOnly>,
-}
-
-#[derive(Deserialize)]
-struct KindOnly {
-    kind: Option<Spanned<String>>,
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JobTable {
@@ -98,6 +85,8 @@ struct SensorTable {
     sigma: Option<Spanned<f64>>,
     sigma_along: Option<Spanned<f64>>,
     sigma_across: Option<Spanned<f64>>,
+    sigma_deg: Option<Spanned<f64>>,
+    sigma_k: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -124,8 +113,7 @@ struct PoseTable {
 ///
 /// # Errors
 /// [`Io`](ErrorKind::Io) when the job or a file that it names is missing; [`Input`](ErrorKind::Input) for TOML that is
-/// malformed, unknown keys, σ ≤ 0, quaternions that have not unit length; [`Unsupported`](ErrorKind::Unsupported) for
-/// kinds of sensors that this version cannot serve: with file, line and key.
+/// malformed, unknown keys or kinds, σ ≤ 0, quaternions that have not unit length: with file, line and key.
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
@@ -194,16 +182,14 @@ impl Text {
     }
 
     fn sensor(&self, name: &str, table: &SensorTable) -> Result<Sensor> {
-        let kind = match table.kind.get_ref().as_str() {
-            "range" => SensorKind::Range,
-            "touch" => SensorKind::Touch,
-            other => {
-                return Err(self.wrong(
-                    &table.kind,
-                    format_args!("needed sensor.{name}.kind = \"range\" or \"touch\", found \"{other}\""),
-                ));
-            }
-        };
+        let stated = table.kind.get_ref().as_str();
+        let kind = (SensorKind::ALL.into_iter().find(|kind| kind.name() == stated)).ok_or_else(|| {
+            let known = SensorKind::ALL.map(SensorKind::name).join(", ");
+            self.wrong(
+                &table.kind,
+                format_args!("needed sensor.{name}.kind among [{known}], found \"{stated}\""),
+            )
+        })?;
         let key = |key: &str| format!("sensor.{name}.{key}");
         let sigma = self.sigma(&key("sigma"), table.sigma.as_ref())?;
         let along = self.sigma(&key("sigma_along"), table.sigma_along.as_ref())?;
@@ -213,6 +199,16 @@ impl Text {
             return Err(self.wrong(
                 found,
                 format_args!("sensor.{name} is a touch probe and has no ray: needed `sigma`"),
+            ));
+        }
+        let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
+        let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
+        if let (false, Some(found)) = (kind.measures_positions(), table.sigma.as_ref().or(ray_key)) {
+            return Err(self.wrong(
+                found,
+                format_args!(
+                    "sensor.{name} measures no positions: needed `sigma_deg` (of normals) or `sigma_k` (of curvatures)"
+                ),
             ));
         }
         let noise = match (sigma, along, across) {
@@ -233,6 +229,8 @@ impl Text {
             name: name.to_owned(),
             kind,
             noise,
+            sigma_normal_deg,
+            sigma_curvature,
         })
     }
 
@@ -311,21 +309,6 @@ impl Text {
 
 fn parse(source: &str, folder: &Path) -> Result<Job> {
     let text = Text::new(source);
-    let kinds: KindsOnly = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
-    for (name, sensor) in &kinds.sensor {
-        if let Some(kind) = &sensor.kind
-            && PLANNED_KINDS.contains(&kind.get_ref().as_str())
-        {
-            return Err(Error::new(
-                ErrorKind::Unsupported,
-                format!(
-                    "line {}: sensor.{name}: this version cannot use sensors of the kind \"{}\" yet; needed \"range\" or \"touch\"",
-                    text.line(kind.span().start),
-                    kind.get_ref()
-                ),
-            ));
-        }
-    }
     let table: JobTable = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
     let unit = match &table.unit {
         Some(name) => Some(name.get_ref().parse().map_err(|e: Error| text.wrong(name, e))?),
@@ -352,6 +335,7 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_estimate::ErrorKind;
     use proptest::prelude::*;
 
     const GOOD: &str = r#"
@@ -477,11 +461,21 @@ viewpoint = [0, 0, 300]
     }
 
     #[test]
-    fn planned_kinds_are_unsupported_whatever_their_keys() {
-        let e = error("kind = \"touch\"\nsigma = 0.004", "kind = \"normal\"\nsigma_deg = 2.0");
-        assert_eq!(e.kind(), ErrorKind::Unsupported);
+    fn sensors_of_orientation_and_curvature_have_their_own_sigmas() {
+        let job = GOOD.replacen(
+            "kind = \"touch\"\nsigma = 0.004",
+            "kind = \"normal\"\nsigma_deg = 2.0",
+            1,
+        );
+        let job = parse(&job, Path::new("d")).unwrap();
+        assert_eq!(job.sensors[1].kind, SensorKind::Normal);
+        assert_eq!(
+            (job.sensors[1].noise, job.sensors[1].sigma_normal_deg),
+            (None, Some(2.0))
+        );
+        let e = error("kind = \"touch\"", "kind = \"curvature\"");
         assert!(
-            e.to_string().contains("line 5: sensor.probe") && e.to_string().contains("\"normal\""),
+            e.to_string().contains("line 6: sensor.probe measures no positions"),
             "{e}"
         );
     }

@@ -8,7 +8,7 @@
 use std::fmt::Display;
 
 use planish_estimate::{Error, Result};
-use planish_sense::{RangeGrid, Scan};
+use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
 /// Columns four to six are normals when every length is as near to 1.
 const UNIT_LENGTH_WITHIN: f64 = 0.01;
@@ -19,10 +19,13 @@ const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 const COVARIANCE: [&str; 6] = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"];
 const SIGMA: &str = "sigma";
 const SIGMA_NORMAL: &str = "sigma_n_deg";
+const CURVATURE: [&str; 5] = ["k1", "k2", "d1x", "d1y", "d1z"];
+const SIGMA_CURVATURE: &str = "sigma_k";
 
 /// Whether a column of that name always means a quantity of points; `u` and `v` may mean anything.
 pub(crate) fn is_point_column(name: &str) -> bool {
-    let families: [&[&str]; 4] = [&POSITION, &NORMAL, &COVARIANCE, &[SIGMA, SIGMA_NORMAL]];
+    let sigmas = [SIGMA, SIGMA_NORMAL, SIGMA_CURVATURE];
+    let families: [&[&str]; 5] = [&POSITION, &NORMAL, &COVARIANCE, &CURVATURE, &sigmas];
     families.iter().any(|family| family.contains(&name))
 }
 
@@ -41,6 +44,8 @@ pub(crate) struct PointColumns {
     uncertainty: Uncertainty,
     normal: Option<[usize; 3]>,
     sigma_normal: Option<usize>,
+    curvature: Option<[usize; 5]>,
+    sigma_curvature: Option<usize>,
     parameters: Option<[usize; 2]>,
 }
 
@@ -69,6 +74,8 @@ impl PointColumns {
             uncertainty: Uncertainty::Unstated,
             normal: None,
             sigma_normal: None,
+            curvature: None,
+            sigma_curvature: None,
             parameters: None,
         }
     }
@@ -110,6 +117,9 @@ impl PointColumns {
             uncertainty,
             normal: family(names, NORMAL)?,
             sigma_normal: names.iter().position(|n| *n == SIGMA_NORMAL),
+            // Curvatures without their directions are some program's, and no measurement.
+            curvature: family(names, CURVATURE).unwrap_or(None),
+            sigma_curvature: names.iter().position(|n| *n == SIGMA_CURVATURE),
             // Half of the pair may mean anything.
             parameters: family(names, ["u", "v"]).unwrap_or(None),
         })
@@ -127,8 +137,14 @@ impl PointColumns {
             .iter()
             .chain(uncertainty)
             .chain(self.normal.iter().flatten())
+            .chain(self.curvature.iter().flatten())
             .chain(self.parameters.iter().flatten());
-        1 + all.chain(&self.sigma_normal).max().copied().unwrap_or(0)
+        1 + all
+            .chain(&self.sigma_normal)
+            .chain(&self.sigma_curvature)
+            .max()
+            .copied()
+            .unwrap_or(0)
     }
 }
 
@@ -156,6 +172,8 @@ impl PointCollector {
         scan.normals = columns.normal.map(|_| Vec::with_capacity(reserve));
         scan.parameters = columns.parameters.map(|_| Vec::with_capacity(reserve));
         scan.sigma_normal_deg = columns.sigma_normal.map(|_| Vec::with_capacity(reserve));
+        scan.curvatures = columns.curvature.map(|_| Vec::with_capacity(reserve));
+        scan.sigma_curvature = columns.sigma_curvature.map(|_| Vec::with_capacity(reserve));
         Self {
             columns,
             scan,
@@ -224,6 +242,19 @@ impl PointCollector {
         if let Some(column) = self.columns.sigma_normal {
             let sigma = positive("sigma_n_deg", record[column])?;
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);
+        }
+        if let Some(columns) = self.columns.curvature {
+            let [k1, k2, x, y, z] = columns.map(|c| record[c]);
+            let known = [k1, k2, x, y, z].iter().all(|c| c.is_finite());
+            self.scan.curvatures.get_or_insert_default().push(PrincipalCurvatures {
+                values: [k1, k2],
+                // A direction of zero says that nothing is known.
+                direction: if known { [x, y, z] } else { [0.0; 3] },
+            });
+        }
+        if let Some(column) = self.columns.sigma_curvature {
+            let sigma = positive(SIGMA_CURVATURE, record[column])?;
+            self.scan.sigma_curvature.get_or_insert_default().push(sigma);
         }
         Ok(())
     }

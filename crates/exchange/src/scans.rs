@@ -70,6 +70,7 @@ pub(crate) fn unnamed_sensor() -> Sensor {
         name: "scanner".to_owned(),
         kind: SensorKind::Range,
         noise: None,
+        ..planish_sense::Sensor::default()
     }
 }
 

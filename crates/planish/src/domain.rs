@@ -160,6 +160,7 @@ mod tests {
             name: "laser".to_owned(),
             kind: SensorKind::Range,
             noise: None,
+            ..planish_sense::Sensor::default()
         };
         change(&mut scan, &mut sensor);
         ScanSet {

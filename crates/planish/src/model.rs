@@ -16,6 +16,9 @@ use std::sync::Arc;
 pub struct SensorReport {
     /// Its name.
     pub name: String,
+    /// What it read: `position`, `normal` or `curvature`; σ and residuals are in the model's unit, in degrees, or in one over the unit.
+    #[serde(default = "position")]
+    pub quantity: String,
     /// Readings used.
     pub observations: usize,
     /// σ as stated; none where it was not.
@@ -26,6 +29,11 @@ pub struct SensorReport {
     pub rms: f64,
     /// Whether the fit used the estimated σ: it was not stated, or the data contradict it.
     pub sigma_used_is_estimated: bool,
+}
+
+/// What sensors measured before they could measure anything else.
+fn position() -> String {
+    "position".to_owned()
 }
 
 /// Quantiles of the surface's σ along its normal, over its measured area.

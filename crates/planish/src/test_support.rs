@@ -53,6 +53,7 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
         data,
         observed,
         sensors: vec![SensorReport {
+            quantity: "position".to_owned(),
             name: "laser".to_owned(),
             observations: 100,
             sigma_stated: None,

@@ -14,5 +14,5 @@ pub use normals::{
     scan_geometry,
 };
 pub use pose::Pose;
-pub use scan::{RangeGrid, Scan, Viewing};
+pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};

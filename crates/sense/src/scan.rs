@@ -37,6 +37,15 @@ pub enum Viewing {
     Origin([f64; 3]),
 }
 
+/// Principal curvatures of a surface at a point: positive where it bends towards its normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PrincipalCurvatures {
+    /// `κ1` and `κ2`, one over the model's unit.
+    pub values: [f64; 2],
+    /// The direction of `κ1`; that of `κ2` stands on it and on the normal.
+    pub direction: [f64; 3],
+}
+
 /// Points of one sensor from one pose, in the scanner's own frame.
 ///
 /// Every optional column, where present, has one entry for each point.
@@ -54,6 +63,10 @@ pub struct Scan {
     pub normals: Option<Vec<[f64; 3]>>,
     /// Standard deviation of the normals, in degrees.
     pub sigma_normal_deg: Option<Vec<f64>>,
+    /// Measured principal curvatures, with respect to the normals.
+    pub curvatures: Option<Vec<PrincipalCurvatures>>,
+    /// Standard deviation of each of them, one over the model's unit.
+    pub sigma_curvature: Option<Vec<f64>>,
     /// What each point lies on, by the classes of the ASPRS (2 is ground), where somebody has told them apart.
     pub classes: Option<Vec<u8>>,
     /// Parameters `(u, v)` of each point on the surface that it was taken of, in `[0, 1]`, where they are known.

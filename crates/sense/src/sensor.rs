@@ -10,6 +10,12 @@ pub enum SensorKind {
     Range,
     /// A touch probe.
     Touch,
+    /// Positions by two cameras, each with its own covariance.
+    Stereo,
+    /// Normals: photometric stereo, crossed stripes. Positions say where they were measured, and no more.
+    Normal,
+    /// Principal curvatures, and with them normals. Positions say where they were measured, and no more.
+    Curvature,
 }
 
 impl SensorKind {
@@ -19,7 +25,19 @@ impl SensorKind {
         match self {
             Self::Range => "range",
             Self::Touch => "touch",
+            Self::Stereo => "stereo",
+            Self::Normal => "normal",
+            Self::Curvature => "curvature",
         }
+    }
+
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Range, Self::Touch, Self::Stereo, Self::Normal, Self::Curvature];
+
+    /// Whether the positions of its readings are measurements.
+    #[must_use]
+    pub fn measures_positions(self) -> bool {
+        !matches!(self, Self::Normal | Self::Curvature)
     }
 }
 
@@ -91,6 +109,10 @@ pub struct Sensor {
     pub kind: SensorKind,
     /// Its stated noise; none where it is to be estimated.
     pub noise: Option<Noise>,
+    /// Standard deviation of its normals about each axis in the tangent plane, in degrees, where stated.
+    pub sigma_normal_deg: Option<f64>,
+    /// Standard deviation of its principal curvatures, one over the model's unit, where stated.
+    pub sigma_curvature: Option<f64>,
 }
 
 /// `nᵀ R n` of a covariance `[xx, xy, xz, yy, yz, zz]`.

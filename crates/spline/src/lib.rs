@@ -17,6 +17,7 @@ mod moments;
 mod refinement;
 mod surface;
 mod system;
+mod tangent_rows;
 mod tessellation;
 
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
@@ -33,4 +34,5 @@ pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
+pub use tangent_rows::{TangentRows, curvature_tensor};
 pub use tessellation::{Tessellation, TessellationOptions, least_triangles, tessellate};

@@ -1,15 +1,15 @@
 //! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
 
-use super::observations::{Observations, Rejection};
+use super::observations::{Measured, Observations, Quantity, Rejection};
 use crate::point_sigmas::order_by_leaf;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_sense::variance_along;
 use planish_spline::{DirectedSums, FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use std::f64::consts::SQRT_2;
 
 /// What became of a point's projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,11 +29,61 @@ pub(super) struct Foot {
     pub state: FootState,
     pub local: [f64; 2],
     pub normal: [f64; 3],
-    /// Signed distance from the surface, the expected lift by tangential noise taken off.
-    pub height: f64,
-    /// `nᵀRn` of the point as stated.
+    pub quantity: Quantity,
+    /// What was read minus what the surface says, number by number. Of a position its signed distance from the surface, the expected lift by
+    /// tangential noise taken off; of a normal how far the two tangents have to turn towards it; of a curvature `11`, `√2·12`, `22` of the
+    /// second fundamental form: all numbers of a reading have one variance.
+    residuals: [f64; 3],
+    /// Variance of each residual as stated: of a position `nᵀRn`.
     pub variance: f64,
 }
+
+impl Foot {
+    /// Signed distance from the surface, of a position.
+    #[inline]
+    pub(super) fn height(&self) -> f64 {
+        self.residuals[0]
+    }
+
+    /// The residuals, each of the same variance.
+    #[inline]
+    pub(super) fn residuals(&self) -> &[f64] {
+        &self.residuals[..self.quantity.rows()]
+    }
+
+    /// The largest residual, and the sum of their squares.
+    #[inline]
+    pub(super) fn extremes(&self) -> (f64, f64) {
+        self.residuals()
+            .iter()
+            .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| {
+                (largest.max(r.abs()), squares + r * r)
+            })
+    }
+
+    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which their motion along the foot's normal changes what is read.
+    pub(super) fn rows(&self, surface: &Surface, mut each: impl FnMut(usize, &[f64; 16])) {
+        if self.quantity == Quantity::Position {
+            each(0, &leaf_weights(self.local[0], self.local[1]));
+            return;
+        }
+        let Some(rows) = surface.tangent_rows(self.leaf as usize, self.local) else {
+            return;
+        };
+        match self.quantity {
+            Quantity::Position => {}
+            Quantity::Normal => (0..).zip(&rows.slopes).for_each(|(r, row)| each(r, row)),
+            Quantity::Curvature => {
+                for (r, row) in (0..).zip(&rows.bends) {
+                    each(r, &row.map(|c| CURVATURE_SCALE[r] * c));
+                }
+            }
+        }
+    }
+}
+
+/// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
+const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 
 /// Feet that one task takes: fixed, so that threads change nothing.
 const CHUNK: usize = 4096;
@@ -73,28 +123,45 @@ pub(super) fn project(
             } else {
                 FootState::Good
             };
-            let covariance = observations.covariance(i);
-            let factor = factors[observations.sensor(i)];
-            let mut height = foot.height;
-            if let Some(bias) = foot.jet.tangential_bias(&covariance) {
-                let lift = -factor * bias;
-                // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
-                let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
-                height -= lift.clamp(-0.5 * sigma, 0.5 * sigma);
-            }
             let parameters = space.parameters(foot.leaf as usize, foot.local);
-            let variance = variance_along(&covariance, foot.normal);
-            (
-                Foot {
-                    leaf: foot.leaf,
-                    state,
-                    local: foot.local,
-                    normal: foot.normal,
-                    height,
-                    variance,
+            let mut made = Foot {
+                leaf: foot.leaf,
+                state,
+                local: foot.local,
+                normal: foot.normal,
+                quantity: observations.quantity(i),
+                residuals: [0.0; 3],
+                variance: observations.variance(i, foot.normal),
+            };
+            let frame = || surface.tangent_rows(foot.leaf as usize, foot.local);
+            match observations.measured(i) {
+                Measured::Position => {
+                    let covariance = observations.covariance(i);
+                    let factor = factors[observations.channel(i)];
+                    made.residuals[0] = foot.height;
+                    if let Some(bias) = foot.jet.tangential_bias(&covariance) {
+                        let lift = -factor * bias;
+                        // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
+                        let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
+                        made.residuals[0] -= lift.clamp(-0.5 * sigma, 0.5 * sigma);
+                    }
+                }
+                Measured::Normal(normal) => match frame() {
+                    Some(frame) => {
+                        let [a, b] = frame.tilt(normal);
+                        made.residuals = [-a, -b, 0.0];
+                    }
+                    None => made.state = FootState::NormalMismatch,
                 },
-                parameters,
-            )
+                Measured::Curvature(tensor) => match frame() {
+                    Some(frame) => {
+                        let bend = frame.bend(&tensor);
+                        made.residuals = std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r]);
+                    }
+                    None => made.state = FootState::NormalMismatch,
+                },
+            }
+            (made, parameters)
         })
         .collect_into_vec(&mut feet);
     for (&i, (_, parameters)) in subset.iter().zip(&feet) {
@@ -133,9 +200,10 @@ pub(super) fn accumulate(
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 {
-                let c = leaf_weights(foot.local[0], foot.local[1]);
-                let on_surface = surface.leaf_point(leaf, foot.local[0], foot.local[1]);
-                cell.add_scalar(&c, foot.normal, dot(foot.normal, on_surface) + foot.height, w);
+                foot.rows(surface, |r, row| {
+                    let on_surface = along_normal(surface, foot, row);
+                    cell.add_scalar(row, foot.normal, on_surface + foot.residuals[r], w);
+                });
                 any = true;
             }
         }
@@ -143,15 +211,24 @@ pub(super) fn accumulate(
     })
 }
 
-/// [`accumulate`] into sums that other readings will be added to.
+/// A row applied to the coefficients of a surface, along the foot's normal.
+fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
+    let coefficients = surface.leaf_coefficients(foot.leaf as usize);
+    row.iter()
+        .zip(coefficients)
+        .map(|(w, c)| w * dot(foot.normal, *c))
+        .sum()
+}
+
+/// [`accumulate`] of positions into sums that other readings will be added to; readings of other quantities are passed over.
 pub(super) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], information: &[f64]) {
     let (start, order) = by_leaf(feet, surface.space().leaves().len());
     sums.add(|leaf, moments| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
-            if w > 0.0 {
+            if w > 0.0 && foot.quantity == Quantity::Position {
                 let on_surface = surface.leaf_point(leaf, foot.local[0], foot.local[1]);
-                moments.add(foot.local, foot.normal, dot(foot.normal, on_surface) + foot.height, w);
+                moments.add(foot.local, foot.normal, dot(foot.normal, on_surface) + foot.height(), w);
             }
         }
     });
@@ -160,7 +237,7 @@ pub(super) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
 /// The outcome of [`normal_step`].
 pub(super) struct NormalStep {
     pub surface: Surface,
-    /// Effective degrees of freedom that the readings of each sensor determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over its rows `a_i`.
+    /// Effective degrees of freedom that the readings of each channel determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over its rows `a_i`.
     pub degrees: Vec<f64>,
     /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard deviations of the surface.
     pub decrement: f64,
@@ -174,14 +251,14 @@ const PROBES: usize = 8;
 /// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of three.
 ///
 /// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found; the factor costs
-/// a twenty-seventh of the full one. `information` weighs the feet, `sensors` are theirs; `earlier` is information of three coordinates
+/// a twenty-seventh of the full one. `information` weighs the feet, `channels` are theirs; `earlier` is information of three coordinates
 /// that is there already; `memory` keeps the factor's memory from step to step.
 pub(super) fn normal_step(
     system: &SurfaceSystem,
     surface: &Surface,
     feet: &[Foot],
     information: &[f64],
-    sensors: &FootSensors<'_>,
+    channels: &FootChannels<'_>,
     prior: &BlockInformation,
     weight: f64,
     earlier: Option<&BlockInformation>,
@@ -194,7 +271,7 @@ pub(super) fn normal_step(
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 {
-                add(&leaf_weights(foot.local[0], foot.local[1]), foot.normal, foot.height, w);
+                foot.rows(surface, |r, row| add(row, foot.normal, foot.residuals[r], w));
             }
         }
     })?;
@@ -238,10 +315,10 @@ pub(super) fn normal_step(
     }
     let mut step = gradient.clone();
     factor.solve_in_place(&mut step)?;
-    let degrees = if sensors.count == 1 {
+    let degrees = if channels.count == 1 {
         vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
     } else {
-        degrees_by_sensor(surface, &factor, &directions, feet, information, sensors)?
+        degrees_by_channel(surface, &factor, &directions, feet, information, channels)?
     };
     let total: f64 = degrees.iter().sum();
     let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
@@ -263,15 +340,15 @@ pub(super) fn normal_step(
     })
 }
 
-/// Which sensor each foot came from.
-pub(super) struct FootSensors<'a> {
+/// Which channel each foot came from.
+pub(super) struct FootChannels<'a> {
     pub observations: &'a Observations,
     pub subset: &'a [u32],
-    /// Number of sensors.
+    /// Number of channels.
     pub count: usize,
 }
 
-impl<'a> FootSensors<'a> {
+impl<'a> FootChannels<'a> {
     pub(super) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
         Self {
             observations,
@@ -280,25 +357,25 @@ impl<'a> FootSensors<'a> {
         }
     }
 
-    /// The sensor of foot `k`.
+    /// The channel of foot `k`.
     pub(super) fn of(&self, k: usize) -> usize {
-        self.observations.sensor(self.subset[k] as usize)
+        self.observations.channel(self.subset[k] as usize)
     }
 }
 
-/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each sensor, as the mean over random `z` of independent ±1 (Hutchinson 1989).
+/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each channel, as the mean over random `z` of independent ±1 (Hutchinson 1989).
 ///
-/// `a_iᵀ z` is the displacement along the foot's normal of the surface whose vertices move by `z` along their normals.
-fn degrees_by_sensor(
+/// `a_iᵀ z` is what the reading sees of the surface whose vertices move by `z` along their normals.
+fn degrees_by_channel(
     surface: &Surface,
     factor: &CholeskyFactor,
     directions: &[[f64; 3]],
     feet: &[Foot],
     information: &[f64],
-    sensors: &FootSensors<'_>,
+    channels: &FootChannels<'_>,
 ) -> Result<Vec<f64>> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut degrees = vec![0.0; sensors.count];
+    let mut degrees = vec![0.0; channels.count];
     for _ in 0..PROBES {
         let z: Vec<f64> = directions
             .iter()
@@ -319,14 +396,14 @@ fn degrees_by_sensor(
         let parts: Vec<Vec<f64>> = (0..feet.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
-                let mut part = vec![0.0; sensors.count];
+                let mut part = vec![0.0; channels.count];
                 for k in chunk * CHUNK..feet.len().min((chunk + 1) * CHUNK) {
                     if information[k] > 0.0 {
-                        let Foot {
-                            leaf, local, normal, ..
-                        } = feet[k];
-                        let along = |s: &Surface| dot(normal, s.leaf_point(leaf as usize, local[0], local[1]));
-                        part[sensors.of(k)] += information[k] * along(&z) * along(&y);
+                        let foot = &feet[k];
+                        foot.rows(surface, |_, row| {
+                            part[channels.of(k)] +=
+                                information[k] * along_normal(&z, foot, row) * along_normal(&y, foot, row);
+                        });
                     }
                 }
                 part

@@ -3,17 +3,17 @@
 //! Comes in: a [`Settled`] surface. Goes out: the model with its information, linearised at itself, and
 //! the figures by which a user judges it.
 
-use super::engine::{Foot, FootSensors, FootState, accumulate, by_leaf, normal_step, project};
+use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_step, project};
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
-use super::observations::{Observations, Rejection};
+use super::observations::{Observations, Quantity, Rejection};
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
 use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
-use planish_spline::{FootPointSearch, SurfaceSystem, leaf_weights};
+use planish_spline::{FootPointSearch, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -69,8 +69,8 @@ pub(super) fn finish(
     let degrees = if observations.stated.len() == 1 && earlier.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
-        let sensors = FootSensors::new(observations, &subset);
-        degrees_of_sensors(&posterior, &sensors, &feet, &information)?
+        let channels = FootChannels::new(observations, &subset);
+        degrees_of_channels(&posterior, &channels, &feet, &information)?
     };
     noise = SensorNoise {
         used: noise.used,
@@ -116,15 +116,28 @@ pub(super) fn finish(
         .collect();
     let others = absorbed.as_ref().map_or(&[][..], |absorbed| &absorbed.used);
     let count = used.len() + others.iter().map(|o| o.count).sum::<usize>();
-    let n = count.max(1) as f64;
-    let chi2: f64 = used.iter().map(|(foot, w)| w * foot.height * foot.height).sum::<f64>()
+    let chi2: f64 = used.iter().map(|(foot, w)| w * foot.extremes().1).sum::<f64>()
         + others.iter().map(|o| o.weighted).sum::<f64>();
-    let square: f64 = used.iter().map(|(foot, _)| foot.height * foot.height).sum::<f64>()
-        + others.iter().map(|o| o.square).sum::<f64>();
+    // Numbers that were read: a normal is two, a curvature three.
+    let rows_of = |channel: usize| observations.channels[channel].quantity.rows();
+    let own_rows: usize = used.iter().map(|(foot, _)| foot.quantity.rows()).sum();
+    let other_rows: usize = (others.iter().enumerate())
+        .map(|(channel, o)| o.count * rows_of(channel))
+        .sum();
+    let rows = (own_rows + other_rows).max(1) as f64;
     let kept = kept_variance(options.gate)?;
     // All that the readings determine: the share of those at hand, and of the others in proportion.
-    let determined = degrees.iter().sum::<f64>() * n / used.len().max(1) as f64;
+    let determined = degrees.iter().sum::<f64>() * rows / own_rows.max(1) as f64;
     let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information, others);
+    let positions = sensors
+        .iter()
+        .filter(|sensor| sensor.quantity == Quantity::Position.name());
+    let (square, placed) = positions.fold((0.0, 0), |(square, count), sensor| {
+        (
+            square + sensor.rms * sensor.rms * sensor.observations as f64,
+            count + sensor.observations,
+        )
+    });
     let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
     let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, total);
     if reached_limit {
@@ -141,9 +154,9 @@ pub(super) fn finish(
         coefficients: surface.space().node_count(),
         levels: surface.space().levels(),
         cells: surface.space().leaves().len(),
-        rms: (square / n).sqrt(),
-        rms_normalised: (chi2 / n).sqrt(),
-        reduced_chi_square: chi2 / (n * kept - determined).max(1.0),
+        rms: (square / placed.max(1) as f64).sqrt(),
+        rms_normalised: (chi2 / rows).sqrt(),
+        reduced_chi_square: chi2 / (rows * kept - determined).max(1.0),
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
@@ -205,7 +218,7 @@ pub(super) fn place(
             &surface,
             &feet,
             &information,
-            &FootSensors::new(observations, &subset),
+            &FootChannels::new(observations, &subset),
             &model.prior,
             1.0,
             Some(&model.data),
@@ -228,9 +241,9 @@ pub(super) fn place(
 }
 
 /// `Σ_i w_i nᵢᵀ Σ nᵢ` over the readings of each sensor: how many degrees of freedom they determine.
-fn degrees_of_sensors(
+fn degrees_of_channels(
     posterior: &Posterior<'_>,
-    sensors: &FootSensors<'_>,
+    channels: &FootChannels<'_>,
     feet: &[Foot],
     information: &[f64],
 ) -> Result<Vec<f64>> {
@@ -239,7 +252,7 @@ fn degrees_of_sensors(
     let parts: Vec<Vec<f64>> = (0..leaves.div_ceil(64))
         .into_par_iter()
         .map(|chunk| {
-            let mut part = vec![0.0; sensors.count];
+            let mut part = vec![0.0; channels.count];
             for leaf in chunk * 64..leaves.min((chunk + 1) * 64) {
                 let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
                 if own.is_empty() {
@@ -247,14 +260,15 @@ fn degrees_of_sensors(
                 }
                 let cell = posterior.leaf(leaf)?;
                 for k in own.iter().map(|&k| k as usize).filter(|&k| information[k] > 0.0) {
-                    let c = leaf_weights(feet[k].local[0], feet[k].local[1]);
-                    part[sensors.of(k)] += information[k] * cell.variance_along(&c, feet[k].normal);
+                    feet[k].rows(posterior.surface(), |_, row| {
+                        part[channels.of(k)] += information[k] * cell.variance_along(row, feet[k].normal);
+                    });
                 }
             }
             Ok(part)
         })
         .collect::<Result<_>>()?;
-    let mut degrees = vec![0.0; sensors.count];
+    let mut degrees = vec![0.0; channels.count];
     for part in parts {
         for (d, p) in degrees.iter_mut().zip(part) {
             *d += p;
@@ -287,15 +301,19 @@ fn judge(
         .par_iter()
         .zip(&feet)
         .with_min_len(256)
-        .map(|(&i, foot)| {
-            if foot.state != FootState::Good {
-                return None;
+        .flat_map_iter(|(&i, foot)| {
+            let mut rows = [None; 3];
+            if foot.state == FootState::Good
+                && let Ok(cell) = posterior.leaf(foot.leaf as usize)
+            {
+                let of_reading = noise.used[observations.channel(i as usize)] * foot.variance;
+                foot.rows(surface, |r, row| {
+                    let of_surface = cell.variance_along(row, foot.normal);
+                    let normalised = foot.residuals()[r] / (of_reading + of_surface).sqrt();
+                    rows[r] = (normalised.abs() <= gate).then_some(normalised);
+                });
             }
-            let cell = posterior.leaf(foot.leaf as usize).ok()?;
-            let of_surface = cell.variance_along(&leaf_weights(foot.local[0], foot.local[1]), foot.normal);
-            let of_reading = noise.used[observations.sensor(i as usize)] * foot.variance;
-            let r = foot.height / (of_reading + of_surface).sqrt();
-            (r.abs() <= gate).then_some(r)
+            rows
         })
         .collect();
     let kept: Vec<f64> = normalised.into_iter().flatten().collect();
@@ -330,31 +348,42 @@ fn sensor_reports(
     information: &[f64],
     others: &[ResidualSums],
 ) -> Vec<SensorReport> {
-    set.sensors
-        .iter()
-        .enumerate()
-        .filter(|(s, _)| observations.sensor_of_scan.contains(s))
-        .map(|(s, sensor)| {
+    (observations.channels.iter().enumerate())
+        .filter(|(c, _)| observations.channel_of_scan.contains(c))
+        .map(|(c, channel)| {
             let (mut count, mut square, mut stated) =
-                others.get(s).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
+                others.get(c).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
             for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
-                if w > 0.0 && observations.sensor(i as usize) == s {
+                if w > 0.0 && observations.channel(i as usize) == c {
                     count += 1;
-                    square += foot.height * foot.height;
+                    square += foot.extremes().1 / foot.residuals().len() as f64;
                     stated += foot.variance;
                 }
             }
             let n = count.max(1) as f64;
             // Where σ differs from point to point, its root mean square along the normals stands for it.
             let typical = (stated / n).sqrt();
+            let in_unit = match channel.quantity {
+                Quantity::Normal => 1.0_f64.to_degrees(),
+                Quantity::Position | Quantity::Curvature => 1.0,
+            };
             SensorReport {
-                name: sensor.name.clone(),
+                name: set.sensors[channel.sensor].name.clone(),
+                quantity: channel.quantity.name().to_owned(),
                 observations: count,
-                sigma_stated: observations.stated[s].then_some(typical),
-                sigma_estimated: noise.estimated[s].sqrt() * typical,
-                rms: (square / n).sqrt(),
-                sigma_used_is_estimated: !observations.stated[s] || noise.contradicted[s],
+                sigma_stated: observations.stated[c].then_some(in_unit * typical),
+                sigma_estimated: in_unit * noise.estimated[c].sqrt() * typical,
+                rms: in_unit * (square / n).sqrt(),
+                sigma_used_is_estimated: !observations.stated[c] || noise.contradicted[c],
             }
+        })
+        // The places of a sensor that measures none are no readings.
+        .filter(|report| {
+            report.observations > 0
+                || set
+                    .sensors
+                    .iter()
+                    .any(|s| s.name == report.name && s.kind.measures_positions())
         })
         .collect()
 }

@@ -10,7 +10,7 @@
 
 use super::finish::{pose_reports, warnings};
 use super::noise::{ResidualSums, kept_variance};
-use super::observations::{Rejection, hash01};
+use super::observations::{Quantity, Rejection, hash01};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::stages::with_neighbours;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
@@ -568,6 +568,7 @@ impl Solved {
                 let typical = (r.variance / n).sqrt();
                 SensorReport {
                     name: sensor.name.clone(),
+                    quantity: Quantity::Position.name().to_owned(),
                     observations: r.count,
                     sigma_stated: readings.stated[s].then_some(typical),
                     sigma_estimated: (estimated * variances[s]).sqrt() * typical,

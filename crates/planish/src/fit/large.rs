@@ -9,9 +9,9 @@
 //!
 //! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to the nearest side of the surface.
 
-use super::engine::{FootSensors, add_up, normal_step, project};
+use super::engine::{FootChannels, accumulate, add_up, normal_step, project};
 use super::noise::{ResidualSums, SensorNoise};
-use super::observations::{ObservationOptions, Observations, Rejection, has_ground};
+use super::observations::{ObservationOptions, Observations, Quantity, Rejection, has_ground};
 use super::stages::{Settled, observed_leaves, weights};
 use super::{FitOptions, observation_options, observe};
 use crate::progress::Progress;
@@ -20,7 +20,7 @@ use planish_estimate::sparse::BlockInformation;
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 use planish_sense::{Ground, GroundOptions, Scan, classify_ground};
-use planish_spline::{DirectedSums, FootPointSearch, Surface};
+use planish_spline::{DirectedSums, FootPointSearch, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -138,6 +138,8 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
         covariance: column(scan.covariance.as_ref(), part, number),
         normals: column(scan.normals.as_ref(), part, number),
         sigma_normal_deg: column(scan.sigma_normal_deg.as_ref(), part, number),
+        curvatures: column(scan.curvatures.as_ref(), part, number),
+        sigma_curvature: column(scan.sigma_curvature.as_ref(), part, number),
         classes: column(scan.classes.as_ref(), part, number),
         parameters: None,
         grid: None,
@@ -222,16 +224,24 @@ impl Absorbed {
     fn add(
         &mut self,
         surface: &Surface,
+        system: &SurfaceSystem,
         sums: &mut DirectedSums,
         noise: &SensorNoise,
         (observations, subset): (&Observations, &[u32]),
         search: &FootPointSearch,
         gate: f64,
-    ) {
+    ) -> Result<()> {
         let mut at = vec![[f64::NAN; 2]; observations.len()];
         let feet = project(surface, observations, subset, &mut at, Some(search), &noise.used);
         let information = weights(observations, subset, &feet, noise, gate, false);
         add_up(sums, surface, &feet, &information);
+        if feet.iter().any(|foot| foot.quantity != Quantity::Position) {
+            let others: Vec<f64> = (feet.iter().zip(&information))
+                .map(|(foot, &w)| if foot.quantity == Quantity::Position { 0.0 } else { w })
+                .collect();
+            self.data
+                .add_scaled(&accumulate(system, surface, &feet, &others)?, 1.0)?;
+        }
         for (seen, now) in self
             .observed
             .iter_mut()
@@ -246,14 +256,15 @@ impl Absorbed {
         for ((&i, foot), &w) in subset.iter().zip(&feet).zip(&information) {
             match foot.rejection(w) {
                 Some(cause) => *self.rejected.entry(cause).or_insert(0) += 1,
-                None => self.used[observations.sensor(i as usize)].add(&ResidualSums {
+                None => self.used[observations.channel(i as usize)].add(&ResidualSums {
                     count: 1,
-                    square: foot.height * foot.height,
-                    weighted: w * foot.height * foot.height,
+                    square: foot.extremes().1 / foot.residuals().len() as f64,
+                    weighted: w * foot.extremes().1,
                     variance: foot.variance,
                 }),
             }
         }
+        Ok(())
     }
 }
 
@@ -288,16 +299,19 @@ pub(super) fn absorb(
         let add = || {
             absorbed.add(
                 surface,
+                system,
                 &mut sums,
                 noise,
                 (&observations, &subset),
                 &search,
                 options.gate,
-            );
+            )
         };
-        coming = rayon::join(add, next).1;
+        let (added, next) = rayon::join(add, next);
+        added?;
+        coming = next;
     }
-    absorbed.data = sums.information(system)?;
+    absorbed.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
     let information = weights(
         first,
@@ -312,7 +326,7 @@ pub(super) fn absorb(
         &settled.surface,
         &settled.feet,
         &information,
-        &FootSensors::new(first, &settled.subset),
+        &FootChannels::new(first, &settled.subset),
         &settled.prior,
         1.0,
         Some(&absorbed.data),
@@ -366,6 +380,7 @@ mod tests {
                 name: "lidar".to_owned(),
                 kind: SensorKind::Range,
                 noise: None,
+                ..planish_sense::Sensor::default()
             }],
             scans: vec![PosedScan {
                 scan: Scan {

@@ -1,7 +1,7 @@
 //! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what was stated.
 
 use super::engine::{Foot, FootState};
-use super::observations::Observations;
+use super::observations::{Observations, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
 /// Stated σ are believed within this factor: real instruments are not specified more sharply.
@@ -10,6 +10,9 @@ const BELIEVED: f64 = 1.1;
 /// So many readings to spare can contradict a stated σ: if the fit leaves more than this share of them free.
 const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 const LEAST_REDUNDANCY: f64 = 0.2;
+
+/// A variance over that stated that is rounding and no more.
+const LEAST_RELATIVE_VARIANCE: f64 = 1e-24;
 
 /// The noise of every sensor as the fit knows it now.
 #[derive(Debug, Clone)]
@@ -32,11 +35,16 @@ const ROUGHNESS_TO_NOISE: f64 = 4.0;
 impl SensorNoise {
     /// Nothing known yet: stated variances count as they are.
     pub(super) fn stated(observations: &Observations) -> Self {
-        let sensors = observations.stated.len();
-        let most: Vec<f64> = (0..sensors)
-            .map(|sensor| {
-                let bound = observations.roughness[sensor].map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
-                if observations.stated[sensor] {
+        let channels = observations.stated.len();
+        let most: Vec<f64> = (0..channels)
+            .map(|channel| {
+                let bound = observations
+                    .roughness
+                    .get(channel)
+                    .copied()
+                    .flatten()
+                    .map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
+                if observations.stated[channel] {
                     bound.min(1.0)
                 } else {
                     bound
@@ -44,14 +52,20 @@ impl SensorNoise {
             })
             .collect();
         // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
-        let used = (0..sensors)
-            .map(|sensor| if observations.stated[sensor] { most[sensor] } else { 0.0 })
+        let used = (0..channels)
+            .map(|channel| {
+                if observations.stated[channel] {
+                    most[channel]
+                } else {
+                    0.0
+                }
+            })
             .collect();
         Self {
-            estimated: vec![1.0; sensors],
+            estimated: vec![1.0; channels],
             used,
-            count: vec![0; sensors],
-            contradicted: vec![false; sensors],
+            count: vec![0; channels],
+            contradicted: vec![false; channels],
             most,
         }
     }
@@ -69,49 +83,54 @@ impl SensorNoise {
         settled: bool,
     ) -> Result<Self> {
         let mut noise = Self::stated(observations);
-        for sensor in 0..observations.stated.len() {
+        for channel in 0..observations.stated.len() {
+            let least = match observations.channels[channel].quantity {
+                Quantity::Position => observations.least_variance,
+                // Of numbers that have no length, or one over it: what rounding leaves of any.
+                Quantity::Normal | Quantity::Curvature => LEAST_RELATIVE_VARIANCE,
+            };
             let normalised: Vec<f64> = subset
                 .iter()
                 .zip(feet)
-                .filter(|(i, foot)| foot.state == FootState::Good && observations.sensor(**i as usize) == sensor)
-                .map(|(_, foot)| foot.height / foot.variance.sqrt())
+                .filter(|(i, foot)| foot.state == FootState::Good && observations.channel(**i as usize) == channel)
+                .flat_map(|(_, foot)| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
                 .collect();
-            noise.count[sensor] = normalised.len();
+            noise.count[channel] = normalised.len();
             if normalised.len() < 8 {
-                if !observations.stated[sensor] && !normalised.is_empty() {
+                if !observations.stated[channel] && !normalised.is_empty() {
                     // Too few for a scale of their own: the scale of all readings stands in.
+                    let quantity = observations.channels[channel].quantity;
                     let all: Vec<f64> = feet
                         .iter()
-                        .filter(|f| f.state == FootState::Good)
-                        .map(|f| f.height)
+                        .filter(|f| f.state == FootState::Good && f.quantity == quantity)
+                        .flat_map(|f| f.residuals().iter().copied())
                         .collect();
-                    noise.used[sensor] = gated_scale(&all, gate)?.sigma.powi(2).max(observations.least_variance);
-                    noise.estimated[sensor] = noise.used[sensor];
+                    noise.used[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
+                    noise.estimated[channel] = noise.used[channel];
                 }
-                if observations.stated[sensor] {
-                    noise.used[sensor] = 1.0;
+                if observations.stated[channel] {
+                    noise.used[channel] = 1.0;
                 }
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
             // Readings that the fit follows wherever they go say nothing of their error.
-            let redundancy = 1.0 - degrees[sensor] / scale.kept.max(1) as f64;
+            let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
-            noise.estimated[sensor] =
-                (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(observations.least_variance);
-            let ratio = noise.estimated[sensor].sqrt();
+            noise.estimated[channel] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
+            let ratio = noise.estimated[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             let off = redundancy > LEAST_REDUNDANCY
                 && redundant > ENOUGH_TO_CONTRADICT
                 && (ratio > BELIEVED + 3.0 * standard_error || ratio < 1.0 / BELIEVED - 3.0 * standard_error);
-            if !observations.stated[sensor] {
-                noise.used[sensor] = noise.estimated[sensor];
+            if !observations.stated[channel] {
+                noise.used[channel] = noise.estimated[channel];
             } else if !settled {
-                noise.used[sensor] = noise.estimated[sensor].max(noise.most[sensor]);
+                noise.used[channel] = noise.estimated[channel].max(noise.most[channel]);
             } else {
-                noise.used[sensor] = if off { noise.estimated[sensor] } else { 1.0 };
-                noise.contradicted[sensor] = off;
+                noise.used[channel] = if off { noise.estimated[channel] } else { 1.0 };
+                noise.contradicted[channel] = off;
             }
         }
         Ok(noise)

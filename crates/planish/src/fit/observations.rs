@@ -4,14 +4,14 @@
 //! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
 //! to judge it.
 
-use planish_estimate::vector3::{dot, norm, sub, upper_triangle};
+use planish_estimate::vector3::{dot, norm, scale, sub, unit, upper_triangle};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
-    Ground, GroundOptions, Noise, Scan, ScanChecks, Sensor, Suspicion, Viewing, classify_ground, cloud_geometry,
-    local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
+    Ground, GroundOptions, Noise, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing, classify_ground,
+    cloud_geometry, local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
 };
-use planish_spline::principal_axes;
+use planish_spline::{curvature_tensor, principal_axes};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
@@ -41,6 +41,8 @@ pub enum Rejection {
     BeyondBorder,
     /// Farther from the surface than its error explains.
     Outlier,
+    /// A sensor of normals or curvatures states none there.
+    NoDirection,
 }
 
 impl Rejection {
@@ -59,8 +61,63 @@ impl Rejection {
             Self::NormalMismatch => "normal_mismatch",
             Self::BeyondBorder => "beyond_border",
             Self::Outlier => "outlier",
+            Self::NoDirection => "no_direction",
         }
     }
+}
+
+/// What a reading is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Quantity {
+    /// Where the surface is; what counts is the component along its normal.
+    #[default]
+    Position,
+    /// How it is turned: the tilt of both tangents.
+    Normal,
+    /// How it is bent: the three components of the second fundamental form.
+    Curvature,
+}
+
+impl Quantity {
+    /// How many numbers a reading has that the surface determines.
+    #[must_use]
+    pub fn rows(self) -> usize {
+        match self {
+            Self::Position => 1,
+            Self::Normal => 2,
+            Self::Curvature => 3,
+        }
+    }
+
+    /// The name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::Normal => "normal",
+            Self::Curvature => "curvature",
+        }
+    }
+}
+
+/// One sensor's readings of one quantity: each has a σ of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Channel {
+    /// The sensor, among those of the set.
+    pub sensor: usize,
+    /// What it reads.
+    pub quantity: Quantity,
+}
+
+/// What one reading says, in the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Measured {
+    /// Its place.
+    Position,
+    /// A unit normal.
+    Normal([f64; 3]),
+    /// The second fundamental form as a tensor `[xx, xy, xz, yy, yz, zz]` in space.
+    Curvature([f64; 6]),
 }
 
 /// Where the covariances of one scan's points come from.
@@ -72,6 +129,10 @@ enum ScanNoise {
     Sigma(Vec<f64>),
     /// One covariance a point, in the world frame.
     Covariance(Vec<[f64; 6]>),
+    /// Normals, each with its variance about each axis in the tangent plane, in radians squared.
+    Normals(Vec<([f64; 3], f64)>),
+    /// Curvature tensors, each with the variance of its components.
+    Curvatures(Vec<([f64; 6], f64)>),
 }
 
 /// The readings that a fit uses, in world coordinates.
@@ -87,22 +148,26 @@ pub struct Observations {
     index: Vec<u32>,
     /// Whether the point is held out of the fit to judge it.
     pub held_out: Vec<bool>,
-    /// For each scan, its sensor.
-    pub sensor_of_scan: Vec<usize>,
+    /// For each scan, its channel. What a scan measures beside positions is a scan of its own, after all others.
+    pub channel_of_scan: Vec<usize>,
+    /// The channels: the positions of every sensor in the order of the sensors, then what else they read.
+    pub channels: Vec<Channel>,
     /// Whether the sign of the point's normal is known, from the scan or its viewpoint.
     oriented: Vec<bool>,
-    /// For each sensor, how far the points of its largest scan lie from the planes of their neighbours: variance along the normal over that stated (over one
+    /// For each channel, how far the points of its largest scan lie from the planes of their neighbours: variance along the normal over that stated (over one
     /// where none was stated). No less than the noise, unless neighbours err together; none where there are too few points to tell.
     pub roughness: Vec<Option<f64>>,
     /// A variance that is rounding and no more.
     pub least_variance: f64,
-    /// Whether the sensor's σ was stated, by its model or by every point of its scans.
+    /// Whether the channel's σ was stated, by its sensor's model or by every point of its scans.
     pub stated: Vec<bool>,
     /// Whether they are what is left of points on the ground and above it: more of the latter may be among them.
     pub ground: bool,
     /// What was left out already, by cause.
     pub rejected: BTreeMap<Rejection, usize>,
     noise: Vec<ScanNoise>,
+    /// The point of its scan that each one is, until directions are added.
+    source: Vec<u32>,
     /// Number of readings before anything was left out.
     pub total: usize,
 }
@@ -148,7 +213,13 @@ impl Observations {
     ) -> Result<Self> {
         let total: usize = scans.iter().map(|s| s.points.len() + s.dropped_not_finite).sum();
         let mut made = Self {
-            sensor_of_scan: sensor_of_scan.to_vec(),
+            channel_of_scan: sensor_of_scan.to_vec(),
+            channels: (0..sensors.len())
+                .map(|sensor| Channel {
+                    sensor,
+                    quantity: Quantity::Position,
+                })
+                .collect(),
             total,
             stated: vec![true; sensors.len()],
             ..Self::default()
@@ -177,6 +248,10 @@ impl Observations {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
+        // Which point of its scan each one is, where that is asked for later.
+        let mut source: Vec<u32> = Vec::new();
+        let wanted = |s: usize| Directions::of(scans[s], &sensors[sensor_of_scan[s]]).any();
+        let keep_source = (0..scans.len()).any(wanted);
         for (s, (scan, geometry)) in scans.iter().zip(&geometries).enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
             let mut kept = 0_u32;
@@ -214,6 +289,9 @@ impl Observations {
                     .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
                 made.scan.push(s as u32);
                 made.index.push(kept);
+                if keep_source {
+                    source.push(i as u32);
+                }
                 // A normal of zero in a file means that it is not known.
                 let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
                 made.oriented
@@ -261,18 +339,107 @@ impl Observations {
                 format!("of {total} readings the scans' own checks leave {left}: at least {LEAST_POINTS} are needed")
             }));
         }
+        made.source = source;
         if let Some(ground) = &options.ground {
             made.keep_ground(scans, ground)?;
         }
-        if options.as_they_are {
-            return Ok(made);
+        if !options.as_they_are {
+            made.complete_normals(options.checks.neighbours, !options.sheet)?;
+            if options.sheet {
+                made.turn_upwards();
+            }
+            made.measure_roughness(scans, sensors.len(), options.checks.neighbours);
         }
-        made.complete_normals(options.checks.neighbours, !options.sheet)?;
-        if options.sheet {
-            made.turn_upwards();
-        }
-        made.measure_roughness(scans, sensors.len(), options.checks.neighbours);
+        made.add_directions(scans, sensor_of_scan, sensors)?;
         Ok(made)
+    }
+
+    /// Adds what scans measure beside positions: for each normal and each curvature an observation of its own, at the same place. Sensors
+    /// that measure nothing else lose their positions.
+    fn add_directions(&mut self, scans: &[&Scan], sensor_of_scan: &[usize], sensors: &[Sensor]) -> Result<()> {
+        let placed = self.len();
+        for (s, scan) in scans.iter().enumerate() {
+            let sensor = &sensors[sensor_of_scan[s]];
+            let wanted = Directions::of(scan, sensor);
+            wanted.check(scan, sensor)?;
+            if !wanted.any() {
+                continue;
+            }
+            let turn = &scan.world_from_scanner;
+            // Each reading's place, its point of the scan, its normal, and whether that is on the side that was found out for it.
+            let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
+                .filter(|&k| self.scan[k] as usize == s)
+                .filter_map(|k| {
+                    let i = self.source[k] as usize;
+                    let normal = unit(turn.rotate(scan.normals.as_ref().map_or([0.0; 3], |all| all[i])))?;
+                    let side = dot(normal, self.normals[k].map(f64::from));
+                    Some((k, i, normal, if side < 0.0 { -1.0 } else { 1.0 }))
+                })
+                .collect();
+            if wanted.normals {
+                let deg = |i: usize| {
+                    let own = scan.sigma_normal_deg.as_ref().map(|all| all[i]);
+                    own.or(sensor.sigma_normal_deg).map(f64::to_radians)
+                };
+                let stated = scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some();
+                let at: Vec<usize> = known.iter().map(|(k, ..)| *k).collect();
+                let readings = known.iter().map(|&(_, i, normal, side)| {
+                    let variance = deg(i).unwrap_or(1.0).powi(2);
+                    (scale(side, normal), variance)
+                });
+                let noise = ScanNoise::Normals(readings.collect());
+                self.add_scan(sensor_of_scan[s], Quantity::Normal, stated, &at, noise);
+            }
+            if let (true, Some(curvatures)) = (wanted.curvatures, &scan.curvatures) {
+                let readings = known.iter().filter_map(|&(k, i, normal, side)| {
+                    let direction = turn.rotate(curvatures[i].direction);
+                    let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.map(|c| side * c);
+                    let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
+                    Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))
+                });
+                let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
+                let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
+                let noise = ScanNoise::Curvatures(readings);
+                self.add_scan(sensor_of_scan[s], Quantity::Curvature, stated, &at, noise);
+            }
+            let silent = (0..placed).filter(|&k| self.scan[k] as usize == s).count() - known.len();
+            if silent > 0 && !sensor.kind.measures_positions() {
+                *self.rejected.entry(Rejection::NoDirection).or_insert(0) += silent;
+            }
+        }
+        self.source = Vec::new();
+        let gone: Vec<bool> = (0..self.len())
+            .map(|k| k < placed && !sensors[sensor_of_scan[self.scan[k] as usize]].kind.measures_positions())
+            .collect();
+        self.total -= gone.iter().filter(|&&g| g).count();
+        self.drop_marked(&gone);
+        Ok(())
+    }
+
+    /// A scan of another quantity at places of one that is there.
+    fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
+        let channel = Channel { sensor, quantity };
+        let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
+            self.channels.push(channel);
+            self.stated.push(true);
+            if !self.roughness.is_empty() {
+                self.roughness.push(None);
+            }
+            self.channels.len() - 1
+        });
+        self.stated[number] &= stated;
+        let scan = self.channel_of_scan.len() as u32;
+        self.channel_of_scan.push(number);
+        self.noise.push(noise);
+        for (index, &k) in (0..).zip(at) {
+            self.points.push(self.points[k]);
+            self.normals.push(self.normals[k]);
+            self.scan.push(scan);
+            self.index.push(index);
+            self.held_out.push(self.held_out[k]);
+            self.oriented.push(self.oriented[k]);
+        }
+        self.total += at.len();
     }
 
     /// Number of points.
@@ -287,11 +454,42 @@ impl Observations {
         self.points.is_empty()
     }
 
-    /// Sensor of a point.
+    /// Channel of a reading.
     #[inline]
     #[must_use]
-    pub fn sensor(&self, i: usize) -> usize {
-        self.sensor_of_scan[self.scan[i] as usize]
+    pub fn channel(&self, i: usize) -> usize {
+        self.channel_of_scan[self.scan[i] as usize]
+    }
+
+    /// What a reading is of.
+    #[inline]
+    #[must_use]
+    pub fn quantity(&self, i: usize) -> Quantity {
+        self.channels[self.channel(i)].quantity
+    }
+
+    /// What a reading says.
+    #[inline]
+    #[must_use]
+    pub fn measured(&self, i: usize) -> Measured {
+        let index = self.index[i] as usize;
+        match &self.noise[self.scan[i] as usize] {
+            ScanNoise::Normals(all) => Measured::Normal(all[index].0),
+            ScanNoise::Curvatures(all) => Measured::Curvature(all[index].0),
+            _ => Measured::Position,
+        }
+    }
+
+    /// Variance of each number of a reading as stated: of a position along a normal, of others as they are.
+    #[inline]
+    #[must_use]
+    pub fn variance(&self, i: usize, normal: [f64; 3]) -> f64 {
+        let index = self.index[i] as usize;
+        match &self.noise[self.scan[i] as usize] {
+            ScanNoise::Normals(all) => all[index].1,
+            ScanNoise::Curvatures(all) => all[index].1,
+            _ => variance_along(&self.covariance(i), normal),
+        }
     }
 
     /// The scan normal of a point, zero where unknown.
@@ -301,7 +499,7 @@ impl Observations {
         self.normals[i].map(f64::from)
     }
 
-    /// Covariance of a point as stated: `[xx, xy, xz, yy, yz, zz]` in world axes.
+    /// Covariance of a position as stated: `[xx, xy, xz, yy, yz, zz]` in world axes; zero where the place is no measurement.
     #[inline]
     #[must_use]
     pub fn covariance(&self, i: usize) -> [f64; 6] {
@@ -312,6 +510,7 @@ impl Observations {
             }
             .covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
+            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) => [0.0; 6],
         }
     }
 
@@ -393,6 +592,10 @@ impl Observations {
             return;
         }
         *self.rejected.entry(cause).or_insert(0) += count;
+        self.drop_marked(gone);
+    }
+
+    fn drop_marked(&mut self, gone: &[bool]) {
         fn keep<T>(values: &mut Vec<T>, gone: &[bool]) {
             let mut marks = gone.iter();
             values.retain(|_| !marks.next().is_some_and(|&g| g));
@@ -403,6 +606,9 @@ impl Observations {
         keep(&mut self.index, gone);
         keep(&mut self.held_out, gone);
         keep(&mut self.oriented, gone);
+        if !self.source.is_empty() {
+            keep(&mut self.source, gone);
+        }
     }
 
     /// Moves the origin near the points where they lie far from it, and says where it is now; exact to the last digit.
@@ -450,7 +656,7 @@ impl Observations {
         self.roughness = (0..sensors)
             .map(|sensor| {
                 let largest = (0..scans.len())
-                    .filter(|&s| self.sensor_of_scan[s] == sensor)
+                    .filter(|&s| self.channel_of_scan[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
                 let known = |i: usize| self.normals[i] != [0.0; 3];
                 let own: Vec<usize> = (0..self.len())
@@ -479,6 +685,47 @@ impl Observations {
                     *normal = normal.map(|c| -c);
                 }
             });
+    }
+}
+
+/// What a scan measures beside positions: what it states a σ of, or its sensor does, or what its sensor is for.
+#[derive(Clone, Copy)]
+struct Directions {
+    normals: bool,
+    curvatures: bool,
+}
+
+impl Directions {
+    fn of(scan: &Scan, sensor: &Sensor) -> Self {
+        let (normals, curvatures) = (scan.normals.is_some(), scan.curvatures.is_some());
+        Self {
+            normals: sensor.kind == SensorKind::Normal
+                || normals && (scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some()),
+            curvatures: sensor.kind == SensorKind::Curvature
+                || curvatures && (scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some()),
+        }
+    }
+
+    fn any(self) -> bool {
+        self.normals || self.curvatures
+    }
+
+    fn check(self, scan: &Scan, sensor: &Sensor) -> Result<()> {
+        let needed = |columns: &str| {
+            Error::input(format!(
+                "{}: needed the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
+                scan.name,
+                sensor.name,
+                sensor.kind.name()
+            ))
+        };
+        if self.curvatures && scan.curvatures.is_none() {
+            return Err(needed("k1 k2 d1x d1y d1z"));
+        }
+        if self.any() && scan.normals.is_none() {
+            return Err(needed("nx ny nz"));
+        }
+        Ok(())
     }
 }
 

@@ -4,11 +4,11 @@
 //! information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
-use super::engine::{Foot, FootSensors, FootState, by_leaf, normal_step, project};
+use super::engine::{Foot, FootChannels, FootState, by_leaf, normal_step, project};
 use super::growth::{MOST_LEVELS, grow};
 use super::indicator::Indicator;
 use super::noise::SensorNoise;
-use super::observations::Observations;
+use super::observations::{Observations, Quantity};
 use crate::progress::Progress;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
@@ -144,7 +144,7 @@ fn typical_sigma(observations: &Observations, some: &[u32]) -> f64 {
     let sum: f64 = some
         .iter()
         .map(|&i| i as usize)
-        .filter(|&i| observations.stated[observations.sensor(i)])
+        .filter(|&i| observations.quantity(i) == Quantity::Position && observations.stated[observations.channel(i)])
         .map(|i| {
             let [xx, _, _, yy, _, zz] = observations.covariance(i);
             (xx + yy + zz) / 3.0
@@ -251,8 +251,8 @@ pub(super) fn refine_to_noise(
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
             feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
-            let sensors = FootSensors::new(observations, &sample);
-            let known = degrees.get_or_insert_with(|| first_degrees(&surface, &sensors));
+            let channels = FootChannels::new(observations, &sample);
+            let known = degrees.get_or_insert_with(|| first_degrees(&surface, &channels));
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, known, final_round)?;
             let information = weights(observations, &sample, &feet, &noise, options.gate, !final_round);
             if !information.iter().any(|&w| w > 0.0) {
@@ -261,13 +261,13 @@ pub(super) fn refine_to_noise(
                 ));
             }
             let area = *area.get_or_insert_with(|| leaf_areas(&surface).iter().sum());
-            let start = weight.unwrap_or_else(|| first_weight(&surface, area, &information));
+            let start = weight.unwrap_or_else(|| first_weight(&surface, area, &feet, &information));
             let step = normal_step(
                 &system,
                 &surface,
                 &feet,
                 &information,
-                &sensors,
+                &channels,
                 &energy.matrix,
                 start,
                 None,
@@ -277,7 +277,7 @@ pub(super) fn refine_to_noise(
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
             let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
-            let stiffest = weight_of_length(&information, area, STIFFEST * area.sqrt());
+            let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
             let next = next.clamp(0.2 * start, 5.0 * start).min(stiffest);
             weight = Some(next);
             let resting =
@@ -409,26 +409,37 @@ pub(super) fn extent_of(surface: &Surface) -> f64 {
 }
 
 /// Degrees of freedom before any were found out: half the nodes, or a quarter of the readings.
-fn first_degrees(surface: &Surface, sensors: &FootSensors<'_>) -> Vec<f64> {
-    let n = sensors.subset.len() as f64;
-    let share = 0.5 * (surface.space().node_count() as f64 / n).min(0.5);
-    let mut degrees = vec![0.0; sensors.count];
-    for k in 0..sensors.subset.len() {
-        degrees[sensors.of(k)] += share;
+fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
+    let rows = |k: usize| channels.observations.channels[channels.of(k)].quantity.rows() as f64;
+    let numbers: f64 = (0..channels.subset.len()).map(rows).sum();
+    let share = 0.5 * (surface.space().node_count() as f64 / numbers).min(0.5);
+    let mut degrees = vec![0.0; channels.count];
+    for k in 0..channels.subset.len() {
+        degrees[channels.of(k)] += share * rows(k);
     }
     degrees
 }
 
-/// The weight of the thin plate that smooths over a length: information of the readings an area, times the length to the fourth.
-fn weight_of_length(information: &[f64], area: f64, length: f64) -> f64 {
-    information.iter().sum::<f64>() / area * length.powi(4)
+/// The weight of the thin plate that smooths over a length: information of positions an area, times the length to the fourth; of slopes to the
+/// second, of curvatures as it is.
+fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
+    let over = |quantity: Quantity| match quantity {
+        Quantity::Position => length.powi(4),
+        Quantity::Normal => length.powi(2),
+        Quantity::Curvature => 1.0,
+    };
+    (feet.iter().zip(information))
+        .map(|(foot, w)| w * over(foot.quantity))
+        .sum::<f64>()
+        / area
 }
 
 /// To start the search for the weight: a stiff start would undo what growth has found, a soft one would follow few readings anywhere.
-fn first_weight(surface: &Surface, area: f64, information: &[f64]) -> f64 {
+fn first_weight(surface: &Surface, area: f64, feet: &[Foot], information: &[f64]) -> f64 {
     let leaves = surface.space().leaves().len() as f64;
     let readings = information.iter().filter(|&&w| w > 0.0).count() as f64;
     weight_of_length(
+        feet,
         information,
         area,
         (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings),
@@ -453,10 +464,11 @@ pub(super) fn weights(
             if foot.state != FootState::Good {
                 return 0.0;
             }
-            let variance = noise.used[observations.sensor(i as usize)] * foot.variance;
-            let r = foot.height.abs() / variance.sqrt();
+            let variance = noise.used[observations.channel(i as usize)] * foot.variance;
+            let r = foot.extremes().0 / variance.sqrt();
             if finding {
-                let above = observations.ground && foot.height * foot.normal[2] > 0.0;
+                let above =
+                    observations.ground && foot.quantity == Quantity::Position && foot.height() * foot.normal[2] > 0.0;
                 let softened = match r / BOUNDED {
                     far if far <= 1.0 => 1.0,
                     // What is left of things that stand on the ground lies above it: the farther, the less it pulls.
@@ -539,13 +551,29 @@ struct Bin {
     count: f64,
 }
 
-/// The residuals of one leaf, in bins.
-#[derive(Clone, Copy, Default)]
+/// The residuals of one leaf, in bins: number by number of positions and normals, as smooth shape leaves each of them smooth. Those of curvatures
+/// are no sign: the prior speaks of curvature itself and shrinks all of its wavelengths alike, the more the more cells there are.
+#[derive(Clone, Default)]
 struct LeafResiduals {
-    bins: [Bin; BINS * BINS],
+    /// The bins of one number after those of the other.
+    bins: Vec<Bin>,
+    /// Numbers that were read, and how many of them are positions.
     count: u32,
-    /// Mean variance of the readings, as small as it may be.
+    placed: u32,
+    /// Mean variance of the positions, as small as it may be.
     variance: f64,
+}
+
+/// Numbers whose residuals are looked at: the height, and the tilt of two tangents.
+const COUNTED_NUMBERS: usize = 3;
+
+/// Where each quantity's numbers begin among those.
+fn first_number(quantity: Quantity) -> usize {
+    match quantity {
+        Quantity::Position => 0,
+        Quantity::Normal => 1,
+        Quantity::Curvature => COUNTED_NUMBERS,
+    }
 }
 
 impl LeafResiduals {
@@ -554,25 +582,24 @@ impl LeafResiduals {
     /// Only products of different readings are left: the mean is zero under any noise that is symmetric and independent, gross errors
     /// included, and grows with the shape that neighbours share.
     fn shared_shape(&self, of: impl Fn(usize) -> Option<usize>) -> (f64, f64) {
-        let mut merged = [Bin::default(); BINS * BINS];
-        for (bin, own) in self.bins.iter().enumerate() {
-            if let Some(to) = of(bin) {
-                let to = &mut merged[to];
-                to.sum += own.sum;
-                to.squares += own.squares;
-                to.precision += own.precision;
-                to.count += own.count;
+        let (mut shape, mut pairs) = (0.0, 0.0);
+        for number in self.bins.chunks_exact(BINS * BINS) {
+            let mut merged = [Bin::default(); BINS * BINS];
+            for (bin, own) in number.iter().enumerate() {
+                if let Some(to) = of(bin) {
+                    let to = &mut merged[to];
+                    to.sum += own.sum;
+                    to.squares += own.squares;
+                    to.precision += own.precision;
+                    to.count += own.count;
+                }
+            }
+            for bin in merged.iter().filter(|bin| bin.count > 1.0) {
+                shape += (bin.sum * bin.sum - bin.squares) / bin.precision;
+                pairs += 1.0 - 1.0 / bin.count;
             }
         }
-        merged
-            .iter()
-            .filter(|bin| bin.count > 1.0)
-            .fold((0.0, 0.0), |(shape, pairs), bin| {
-                (
-                    shape + (bin.sum * bin.sum - bin.squares) / bin.precision,
-                    pairs + 1.0 - 1.0 / bin.count,
-                )
-            })
+        (shape, pairs)
     }
 
     /// The quarter of the leaf that a bin lies in.
@@ -580,10 +607,11 @@ impl LeafResiduals {
         usize::from(bin / BINS >= BINS / 2) * 2 + usize::from(bin % BINS >= BINS / 2)
     }
 
-    /// The largest mean residual of a bin.
+    /// The largest mean residual of the positions of a bin.
     fn largest_mean(&self) -> f64 {
         self.bins
             .iter()
+            .take(BINS * BINS)
             .filter(|b| b.count > 0.0)
             .map(|b| (b.sum / b.precision).abs())
             .fold(0.0, f64::max)
@@ -593,7 +621,7 @@ impl LeafResiduals {
     fn worst_corner(&self) -> [f64; 2] {
         let mut misfit = [0.0; 4];
         for (bin, b) in self.bins.iter().enumerate().filter(|(_, b)| b.count > 0.0) {
-            misfit[Self::quarter(bin)] += b.sum * b.sum / b.precision;
+            misfit[Self::quarter(bin % (BINS * BINS))] += b.sum * b.sum / b.precision;
         }
         let worst = (0..4).max_by(|&a, &b| misfit[a].total_cmp(&misfit[b])).unwrap_or(0);
         [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]][worst]
@@ -618,7 +646,7 @@ fn misfit(
     let (start, order) = by_leaf(feet, space.leaves().len());
     let normalised = |k: u32| {
         let foot = &feet[k as usize];
-        let sensor = observations.sensor(subset[k as usize] as usize);
+        let sensor = observations.channel(subset[k as usize] as usize);
         // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring points agree. Neighbours of
         // one scan may err together, though: without a stated σ their agreement bounds only how small a leaf may be.
         let most = noise.used[sensor].min(noise.most[sensor]);
@@ -628,20 +656,29 @@ fn misfit(
             noise.used[sensor]
         };
         let variance = factor * foot.variance;
-        (foot.height.abs() / variance.sqrt(), variance, most * foot.variance)
+        (foot.extremes().0 / variance.sqrt(), variance, most * foot.variance)
     };
     let areas = leaf_areas(surface);
+    let numbers = (observations.channels.iter())
+        .map(|channel| first_number(channel.quantity) + channel.quantity.rows())
+        .max()
+        .unwrap_or(1)
+        .min(COUNTED_NUMBERS);
     let mut residuals = vec![LeafResiduals::default(); space.leaves().len()];
     for (leaf, made) in residuals.iter_mut().enumerate() {
         let good = || {
             order[start[leaf] as usize..start[leaf + 1] as usize]
                 .iter()
-                .filter(|&&k| feet[k as usize].state == FootState::Good)
+                .filter(|&&k| {
+                    let foot = &feet[k as usize];
+                    foot.state == FootState::Good && first_number(foot.quantity) < numbers
+                })
                 .map(|&k| (&feet[k as usize], normalised(k)))
         };
         // Few far readings are gross errors, many are shape.
         let far = good().filter(|(_, (r, ..))| *r > options.gate).count();
         let gross = (far as f64) < MOST_GROSS * good().count() as f64;
+        made.bins = vec![Bin::default(); numbers * BINS * BINS];
         for (foot, (r, variance, least)) in good() {
             if gross && r > options.gate {
                 continue;
@@ -650,15 +687,20 @@ fn misfit(
             let w = (if r > 3.0 { 3.0 / r } else { 1.0 }) / variance;
             let bin = ((foot.local[1] * BINS as f64) as usize).min(BINS - 1) * BINS
                 + ((foot.local[0] * BINS as f64) as usize).min(BINS - 1);
-            let bin = &mut made.bins[bin];
-            bin.sum += w * foot.height;
-            bin.squares += (w * foot.height).powi(2);
-            bin.precision += w;
-            bin.count += 1.0;
-            made.count += 1;
-            made.variance += least;
+            for (number, h) in (first_number(foot.quantity)..).zip(foot.residuals()) {
+                let bin = &mut made.bins[number * BINS * BINS + bin];
+                bin.sum += w * h;
+                bin.squares += (w * h).powi(2);
+                bin.precision += w;
+                bin.count += 1.0;
+                made.count += 1;
+            }
+            if foot.quantity == Quantity::Position {
+                made.placed += 1;
+                made.variance += least;
+            }
         }
-        made.variance /= f64::from(made.count.max(1));
+        made.variance /= f64::from(made.placed.max(1));
     }
     // What the fit took of each measured leaf, on average.
     let measured = residuals.iter().filter(|r| r.count > 0).count();

@@ -289,6 +289,7 @@ impl ScanScene {
             name: name.to_owned(),
             kind,
             noise: stated,
+            ..planish_sense::Sensor::default()
         });
         let name = name.to_owned();
         self.sensors.push(SensorTruth {

@@ -10,6 +10,7 @@ pub fn probed(points: Vec<[f64; 3]>, normals: Option<Vec<[f64; 3]>>, sigma: Opti
             name: "probe".to_owned(),
             kind: SensorKind::Touch,
             noise: sigma.map(|sigma| Noise::Isotropic { sigma }),
+            ..planish_sense::Sensor::default()
         }],
         scans: vec![PosedScan {
             scan: Scan {

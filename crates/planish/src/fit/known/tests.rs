@@ -43,6 +43,7 @@ fn set_of(scans: Vec<(Scan, Option<f64>)>) -> ScanSet {
             name: format!("sensor {s}"),
             kind: SensorKind::Touch,
             noise: sigma.map(|sigma| Noise::Isotropic { sigma }),
+            ..planish_sense::Sensor::default()
         })
         .collect();
     ScanSet {
