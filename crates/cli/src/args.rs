@@ -171,9 +171,10 @@ pub struct FitArgs {
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
     /// The columns u and v of the files, in [0, 1], are the readings' parameters: fit a grid of so many cells to them, in one step
-    /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise)
+    /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise: balls and tori take 4x4 cells at least; of σ only
+    /// the column sigma, or one of a sensor; no more than 3000 readings are held out)
     #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface",
-          conflicts_with_all = ["update", "tolerance", "max_coefficients"])]
+          conflicts_with_all = ["update", "tolerance", "max_coefficients", "ground"])]
     pub known_uv: Option<[usize; 2]>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]

@@ -18,6 +18,9 @@ const TOLERANCE: f64 = 0.03;
 const NEAR: f64 = 0.5;
 const ABOUT: f64 = 1.0;
 const FAR: f64 = 2.0;
+/// The shortest length that a plate smooths over, in cells, and the longest, in sides of the surface: beyond them lies rounding.
+const SOFTEST: f64 = 1e-3;
+const STIFFEST: f64 = 10.0;
 /// So few cells need no coarser ones to begin with.
 const FEW_CELLS: usize = 100;
 /// A coordinate is an affine function of the parameters where its variance about one is less than this share of its own.
@@ -56,6 +59,8 @@ pub(super) struct Smoothing {
     pub found: SmoothnessWeight,
     /// `K` of one coordinate.
     pub energy: BlockInformation,
+    /// The least and the greatest weight to consider.
+    bounds: (f64, f64),
     /// Which coordinates have noise; the others are affine in the parameters.
     pub measured: [bool; 3],
     pub factor: CholeskyFactor,
@@ -78,11 +83,18 @@ impl Smoothing {
             let areas = (0..leaves).map(|leaf| reference.leaf_area(leaf));
             (system.thin_plate(reference)?, areas.sum())
         };
-        // Smooth over one cell to begin with.
+        // Smooth over one cell to begin with; the plate of a weight smooths over its length.
         let readings: f64 = total.sums.weight();
-        let start = readings / area * (area / leaves as f64).powi(2);
+        let of_length2 = |square: f64| readings / area * square * square;
+        let cell = area / leaves as f64;
+        let start = of_length2(cell);
+        let bounds = (
+            of_length2(SOFTEST * SOFTEST * cell),
+            of_length2(STIFFEST * STIFFEST * area),
+        );
         let step = if known.is_some() { ABOUT } else { FAR };
-        Self::search(system, energy, total, None, known.unwrap_or(start), step)
+        let start = known.unwrap_or(start);
+        Self::search(system, energy, bounds, total, None, start, step, Dispersion::Estimated)
     }
 
     /// About the weight that [`Self::new`] finds, by cells four times as large: much cheaper, and nearer than any guess. None where there
@@ -109,16 +121,26 @@ impl Smoothing {
     /// The same with other readings: starts from the weight found before.
     pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = self.found.weight;
-        Self::search(system, self.energy, total, Some(self.factor), start, NEAR)
+        let (factor, noise) = (Some(self.factor), Dispersion::Estimated);
+        Self::search(system, self.energy, self.bounds, total, factor, start, NEAR, noise)
+    }
+
+    /// The same with the noise as it was stated: where readings are too few to tell it from shape.
+    pub(super) fn with_stated_noise(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
+        let start = self.found.weight;
+        let (factor, noise) = (Some(self.factor), Dispersion::Known(1.0));
+        Self::search(system, self.energy, self.bounds, total, factor, start, FAR, noise)
     }
 
     fn search(
         system: &SurfaceSystem,
         energy: BlockInformation,
+        bounds: (f64, f64),
         total: &Totals,
         earlier: Option<CholeskyFactor>,
         start: f64,
         step: f64,
+        dispersion: Dispersion,
     ) -> Result<Self> {
         if !(start > 0.0 && start.is_finite()) {
             return Err(Error::undetermined("the readings span no area"));
@@ -136,12 +158,13 @@ impl Smoothing {
             unknowns: coordinates * nodes,
             equations: coordinates * total.sums.count(),
             log_pseudo_determinant: 0.0,
-            dispersion: Dispersion::Estimated,
+            dispersion,
         };
         let search = SmoothnessSearch {
             tolerance: TOLERANCE,
             step,
-            ..SmoothnessSearch::from_start(start)
+            bounds,
+            ..SmoothnessSearch::from_start(start.clamp(bounds.0, bounds.1))
         };
         let vector = total.information.vector();
         let noisy: Vec<f64> = (vector.chunks_exact(3))
@@ -185,6 +208,7 @@ impl Smoothing {
         Ok(Self {
             found,
             energy,
+            bounds,
             measured,
             factor,
             solution,

@@ -3,7 +3,8 @@ use crate::fit::fit;
 use crate::progress::Silent;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::ErrorKind;
-use planish_sense::{Scan, SensorKind};
+use planish_sense::{Noise, Scan, SensorKind};
+use planish_spline::PositionSums;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -276,14 +277,102 @@ fn what_known_parameters_cannot_do_is_said() {
     let mut few = good();
     few.points.truncate(5);
     for (scan, kind, words) in [
-        (without, ErrorKind::Input, "heights: needed the columns u v"),
+        (without, ErrorKind::Input, "needed the columns u v"),
         (outside, ErrorKind::Input, "found (0.5, 1.5) (point 7)"),
         (unknown, ErrorKind::Input, "found (NaN, 0.5) (point 3)"),
         (slanted, ErrorKind::Unsupported, "found covariances"),
         (line, ErrorKind::Undetermined, "lie on one line"),
-        (few, ErrorKind::Undetermined, "5 readings in all"),
+        (few, ErrorKind::Undetermined, "found 5 in all"),
     ] {
         let (found, text) = message(scan, [4, 4]);
         assert!(found == kind && text.contains(words), "{text}");
     }
+}
+
+/// Whatever one gross error says, it is found out, and every reading is accounted for.
+#[test]
+fn one_wild_reading_of_any_size_is_set_aside() {
+    for size in [0.5, 30.0, 1e4] {
+        let mut scan = heights(6_000, 0.01, 21);
+        scan.points[1_234][2] += size;
+        let total = scan.points.len();
+        let fitted = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent)
+            .unwrap()
+            .report;
+        let outliers = fitted.rejected.get("outlier").copied().unwrap_or(0);
+        assert!((1..=4).contains(&outliers), "{size}: {:?}", fitted.rejected);
+        let sigma = fitted.sensors[0].sigma_estimated;
+        assert!((sigma / 0.01 - 1.0).abs() < 0.05, "{size}: {sigma}");
+        assert_eq!(fitted.observations + outliers + fitted.held_out.n, total, "{size}");
+    }
+}
+
+#[test]
+fn a_tenth_of_gross_errors_on_one_side_is_found() {
+    let mut scan = heights(6_000, 0.01, 22);
+    for (k, p) in scan.points.iter_mut().enumerate().step_by(10) {
+        p[2] += 0.05 + (k as f64 * 0.618_034).fract() * 3.0;
+    }
+    let report = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent)
+        .unwrap()
+        .report;
+    assert!(
+        (500..640).contains(&report.rejected["outlier"]),
+        "{:?}",
+        report.rejected
+    );
+    assert!((report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn readings_written_twice_count_once() {
+    let mut scan = heights(2_000, 0.01, 23);
+    for _ in 0..2 {
+        scan.points.extend_from_within(..2_000);
+        if let Some(parameters) = &mut scan.parameters {
+            parameters.extend_from_within(..2_000);
+        }
+    }
+    let report = fit(&set_of(vec![(scan, None)]), &options([8, 8]), &Silent)
+        .unwrap()
+        .report;
+    assert_eq!(
+        report.rejected["duplicate"],
+        report.observations + report.held_out.n + report.rejected["duplicate"] - 2_000
+    );
+    assert!((report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.08);
+}
+
+#[test]
+fn too_few_readings_for_their_noise_are_told_so_and_a_stated_one_is_believed() {
+    let few = || heights(24, 0.01, 24);
+    let error = fit(&set_of(vec![(few(), None)]), &options([20, 20]), &Silent)
+        .err()
+        .unwrap();
+    assert!(error.to_string().contains("do not tell noise from shape"), "{error}");
+    let report = fit(&set_of(vec![(few(), Some(0.01))]), &options([20, 20]), &Silent)
+        .unwrap()
+        .report;
+    assert!(!report.sensors[0].sigma_used_is_estimated);
+    assert!(report.sigma.median > 0.003, "{:?}", report.sigma);
+}
+
+#[test]
+fn a_grid_that_is_too_coarse_is_told_so() {
+    let report = |cells| {
+        fit(
+            &set_of(vec![(heights(8_000, 0.01, 25), None)]),
+            &options(cells),
+            &Silent,
+        )
+        .unwrap()
+        .report
+    };
+    let coarse = report([2, 2]);
+    assert!(
+        coarse.warnings.iter().any(|w| w.contains("2 × 2 cells cannot follow")),
+        "{:?}",
+        coarse.warnings
+    );
+    assert!(report([14, 14]).warnings.is_empty());
 }
