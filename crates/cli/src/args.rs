@@ -2,6 +2,7 @@
 
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
+use planish::next::Length;
 use planish::{Shape, Unit};
 use std::path::PathBuf;
 
@@ -40,6 +41,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Say what a file holds
     Info(InfoArgs),
+    /// Say where to measure next, so that a model becomes better known
+    Next(NextArgs),
     /// Make measurements whose truth is known
     Simulate(SimulateArgs),
 }
@@ -243,6 +246,48 @@ pub struct CompareArgs {
     pub common: CommonArgs,
 }
 
+const NEXT_EXAMPLES: &str = "\
+Examples:
+  planish fit examples/data/pebble/job.toml -o pebble.planish
+  planish next pebble.planish --count 12 --sigma 0.004mm -o next.csv
+  planish next pebble.planish --goal 0.02mm --count 200
+
+Points are chosen one after the other, each the best once those before it are measured. What a reading will do to σ does not depend
+on what it will say, so nothing need be measured to know it.";
+
+/// Arguments of `planish next`.
+#[derive(Debug, Args)]
+#[command(after_help = NEXT_EXAMPLES)]
+pub struct NextArgs {
+    /// A saved model
+    #[arg(value_name = "MODEL.planish", value_hint = ValueHint::FilePath)]
+    pub model: PathBuf,
+    /// Write the points, with normals and σ before and after: .csv or .ply (repeatable)
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// No more points than this
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
+    pub count: usize,
+    /// σ of the readings to come, as a length [default: that of the model's best sensor]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    pub sigma: Option<Length>,
+    /// Stop where no σ of the region is larger, as a length
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    pub goal: Option<Length>,
+    /// Only what lies in this box counts, in the model's unit [default: everything]
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
+    pub region: Option<[[f64; 3]; 2]>,
+    /// Only what was measured already counts
+    #[arg(long)]
+    pub measured_only: bool,
+    /// Make the mean variance small instead of the largest σ
+    #[arg(long)]
+    pub mean: bool,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
 const INFO_EXAMPLES: &str = "\
 Examples:
   planish info examples/data/pebble/job.toml
@@ -392,6 +437,28 @@ fn not_negative(text: &str) -> Result<f64, String> {
 
 fn share(text: &str) -> Result<f64, String> {
     within(text, "a share from 0 to 1", |v| (0.0..=1.0).contains(&v))
+}
+
+/// A length above zero, with or without its unit.
+fn length(text: &str) -> Result<Length, String> {
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match text[number.len()..].trim() {
+        "" => None,
+        name => Some(name.parse::<Unit>().map_err(|e| e.to_string())?),
+    };
+    let value = positive(number.trim())?;
+    Ok(Length { value, unit })
+}
+
+/// Two opposite corners of a box.
+fn corners(text: &str) -> Result<[[f64; 3]; 2], String> {
+    let numbers: Option<Vec<f64>> = (text.split(','))
+        .map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite()))
+        .collect();
+    match numbers.as_deref() {
+        Some(&[a, b, c, d, e, f]) => Ok([[a.min(d), b.min(e), c.min(f)], [a.max(d), b.max(e), c.max(f)]]),
+        _ => Err("needed six numbers: two opposite corners, as in 0,0,0,10,10,5".to_owned()),
+    }
 }
 
 fn held_out(text: &str) -> Result<f64, String> {

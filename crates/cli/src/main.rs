@@ -8,6 +8,7 @@ mod compare;
 mod failure;
 mod fit;
 mod info;
+mod next;
 mod numbers;
 mod progress;
 mod report;
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Next(args) => next::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     ExitCode::from(outcome)

@@ -11,6 +11,7 @@ pub mod fit_files;
 pub mod info;
 pub mod mesh_output;
 pub mod model;
+pub mod next;
 pub mod output;
 mod point_sigmas;
 pub mod progress;

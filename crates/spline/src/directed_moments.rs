@@ -144,7 +144,7 @@ mod tests {
         let system = SurfaceSystem::new(&space).unwrap();
         // Readings with directions all over the sphere.
         let readings = |leaf: usize| {
-            (0..7 * usize::from(leaf % 4 > 0)).map(move |k| {
+            (0..7 * usize::from(!leaf.is_multiple_of(4))).map(move |k| {
                 let x = (leaf * 7 + k) as f64;
                 let (a, b) = (x * 0.618_034, x * 0.754_878);
                 let direction = [a.cos() * b.sin(), a.sin() * b.sin(), b.cos()];
