@@ -140,6 +140,13 @@ pub(super) fn finish(
     });
     let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
     let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, total);
+    if sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
+        warnings.push(
+            "σ of the surface is less than all readings together could make it: the surface is folded, and none of its figures holds; \
+             give another --shape, or normals"
+                .to_owned(),
+        );
+    }
     if reached_limit {
         warnings.push(format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
@@ -387,6 +394,22 @@ fn sensor_reports(
         })
         .collect()
 }
+
+/// σ of the mean of all positions, as if they were readings of one number: no part of a surface is known better than that.
+fn least_sigma(sensors: &[SensorReport]) -> f64 {
+    let information: f64 = (sensors.iter())
+        .filter(|s| s.quantity == Quantity::Position.name())
+        .map(|s| s.observations as f64 / s.sigma_estimated.powi(2))
+        .sum();
+    if information > 0.0 {
+        1.0 / information.sqrt()
+    } else {
+        0.0
+    }
+}
+
+/// A surface with less than this share of that σ cannot be.
+const IMPOSSIBLE: f64 = 0.3;
 
 /// What a user should know.
 pub(super) fn warnings(
