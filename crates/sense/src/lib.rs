@@ -2,13 +2,17 @@
 
 mod depth_camera;
 mod ground;
+mod image;
 mod normals;
 mod pose;
 mod scan;
 mod sensor;
+mod stereo;
+mod stereo_camera;
 
 pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};
+pub use image::Image;
 pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry,
@@ -16,3 +20,5 @@ pub use normals::{
 pub use pose::Pose;
 pub use scan::{RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
+pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
+pub use stereo_camera::StereoCamera;
