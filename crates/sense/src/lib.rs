@@ -4,6 +4,7 @@ mod depth_camera;
 mod ground;
 mod image;
 mod normals;
+mod photometric;
 mod pose;
 mod scan;
 mod sensor;
@@ -17,6 +18,7 @@ pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry,
 };
+pub use photometric::{NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals};
 pub use pose::Pose;
 pub use scan::{RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
