@@ -10,6 +10,7 @@ mod scan;
 mod sensor;
 mod stereo;
 mod stereo_camera;
+pub mod stripes;
 
 pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};

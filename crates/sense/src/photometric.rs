@@ -27,7 +27,7 @@ const ROUNDS: usize = 8;
 /// Scales of the residuals beyond which a reading does not count in the end.
 const GATE: f64 = 3.0;
 /// A pixel's own residual variance is drawn to the image's with so many readings' weight.
-const SHRINKAGE: f64 = 3.0;
+const SHRINKAGE: f64 = 8.0;
 /// Readings below this share of the pixel's brightest are in shadow.
 const SHADOW: f64 = 0.06;
 /// The share of light from everywhere is looked for up to here, in such steps.
@@ -110,7 +110,8 @@ pub fn photometric_normals(
     };
     let sigma = match options.sigma_brightness {
         Some(sigma) => sigma,
-        None => typical(residual_variances(&pilot, lights, ambient, 0.0), lights.len()).sqrt(),
+        // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
+        None => (0..2).fold(0.0, |sigma, _| typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()),
     };
     // Half a step of eight bits is the least that a perfect fit may claim.
     let sigma = if sigma > 0.0 { sigma } else { f64::from(brightest) / 512.0 };
@@ -236,8 +237,14 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
     let steps = (MOST_AMBIENT / AMBIENT_STEP).round() as usize;
     let cost: Vec<f64> = (0..=steps)
         .map(|k| {
-            let roots: Vec<f64> = residual_variances(pixels, lights, AMBIENT_STEP * k as f64, 0.0).into_iter().map(f64::sqrt).collect();
-            roots.iter().sum::<f64>() / roots.len().max(1) as f64
+            // The median over all readings, those left out too: what is left out must not flatter.
+            let fits = pixels.par_iter().filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
+            let residuals = fits.flat_map_iter(|(fit, readings)| {
+                let most = readings.iter().copied().fold(0.0, f64::max);
+                let lit = fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * most);
+                lit.map(|(r, _)| r.abs())
+            });
+            median(residuals.collect())
         })
         .collect();
     let best = (0..=steps).min_by(|a, b| cost[*a].total_cmp(&cost[*b])).unwrap_or(0);
