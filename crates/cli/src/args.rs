@@ -293,10 +293,10 @@ pub struct StereoArgs {
           help_heading = "Matching")]
     pub disparities: [i32; 2],
     /// P1: what a disparity that changes by one costs; a bit of the census that differs costs 2
-    #[arg(long, value_name = "COST", default_value_t = 20, help_heading = "Matching")]
+    #[arg(long, value_name = "COST", default_value_t = 45, help_heading = "Matching")]
     pub p1: u16,
     /// P2: what one that changes by more costs, where brightness does not change
-    #[arg(long, value_name = "COST", default_value_t = 200, help_heading = "Matching")]
+    #[arg(long, value_name = "COST", default_value_t = 300, help_heading = "Matching")]
     pub p2: u16,
     /// How many per cent more than the best the next match must cost
     #[arg(long, value_name = "PERCENT", default_value_t = 3, help_heading = "Matching")]

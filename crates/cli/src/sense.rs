@@ -54,7 +54,8 @@ fn work(args: &SenseArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
 fn stereo(args: &StereoArgs) -> Result<SenseKind> {
     let [first, last] = args.disparities;
     let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
-    let disparities = disparities.map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
+    let disparities =
+        disparities.map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
     Ok(SenseKind::Stereo {
         left: args.left.clone(),
         right: args.right.clone(),
@@ -102,8 +103,16 @@ fn depth(args: &DepthArgs) -> SenseKind {
 fn text(done: &SenseReport) -> String {
     let mut lines = Lines::default();
     let share = percent(done.observations as f64 / done.pixels.max(1) as f64);
-    let what = if done.kind == "photometric" { "normals" } else { "points" };
-    lines.line(format!("Sensed {} {what} of {} pixels ({share}).", count(done.observations), count(done.pixels)));
+    let what = if done.kind == "photometric" {
+        "normals"
+    } else {
+        "points"
+    };
+    lines.line(format!(
+        "Sensed {} {what} of {} pixels ({share}).",
+        count(done.observations),
+        count(done.pixels)
+    ));
     lines.gap();
     let sigma = |s: &Option<SigmaSummary>, unit: &str| {
         s.map_or(String::new(), |s| {
@@ -116,14 +125,21 @@ fn text(done: &SenseReport) -> String {
         })
     };
     let unit = done.unit.map_or("", Unit::name);
-    let rejected: Vec<String> = done.rejected.iter().map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-"))).collect();
+    let rejected: Vec<String> = done
+        .rejected
+        .iter()
+        .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
+        .collect();
     lines.facts([
         ("left out", rejected.join(", ")),
         ("σ of disparity", sigma(&done.sigma_px, "px")),
         ("σ along rays", sigma(&done.sigma, unit)),
         ("σ of normals", sigma(&done.sigma_n_deg, "°")),
         ("light from everywhere", done.ambient.map_or(String::new(), percent)),
-        ("σ of brightness", done.sigma_brightness.map_or(String::new(), |s| significant(s, 3))),
+        (
+            "σ of brightness",
+            done.sigma_brightness.map_or(String::new(), |s| significant(s, 3)),
+        ),
     ]);
     for file in &done.written {
         let held = match file.points {

@@ -66,7 +66,9 @@ impl Picture {
 /// # Errors
 /// As [`read_picture`].
 pub fn read_brightness(path: &Path) -> Result<Image> {
-    read_picture(path)?.brightness().map_err(|e| e.in_context(path.display()))
+    read_picture(path)?
+        .brightness()
+        .map_err(|e| e.in_context(path.display()))
 }
 
 /// Reads a picture; the format is told by the extension.
@@ -79,7 +81,8 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
         let (mut file, length) = open_file(path)?;
         let mut bytes = || {
             let mut all = Vec::new();
-            file.read_to_end(&mut all).map_err(|e| Error::io("could not be read").with_source(e))?;
+            file.read_to_end(&mut all)
+                .map_err(|e| Error::io("could not be read").with_source(e))?;
             Ok::<_, Error>(all)
         };
         let picture = match extension(path).as_str() {
@@ -112,9 +115,18 @@ fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white
     let channels = if samples < 3 { 1 } else { 3 };
     let values = match samples == channels {
         true => values,
-        false => values.chunks_exact(samples).flat_map(|p| p[..channels].iter().copied()).collect(),
+        false => values
+            .chunks_exact(samples)
+            .flat_map(|p| p[..channels].iter().copied())
+            .collect(),
     };
-    Picture { columns, rows, channels, values, white }
+    Picture {
+        columns,
+        rows,
+        channels,
+        values,
+        white,
+    }
 }
 
 fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Result<Picture> {
@@ -132,13 +144,27 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match depth {
             png::BitDepth::Sixteen => {
-                values.extend(row.data().chunks_exact(2).map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))));
+                values.extend(
+                    row.data()
+                        .chunks_exact(2)
+                        .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))),
+                );
             }
             _ => values.extend(row.data().iter().map(|&b| f32::from(b))),
         }
     }
-    let white = if depth == png::BitDepth::Sixteen { 65535.0 } else { 255.0 };
-    Ok(channels(columns as usize, rows as usize, colour.samples(), values, white))
+    let white = if depth == png::BitDepth::Sixteen {
+        65535.0
+    } else {
+        255.0
+    };
+    Ok(channels(
+        columns as usize,
+        rows as usize,
+        colour.samples(),
+        values,
+        white,
+    ))
 }
 
 fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
@@ -148,7 +174,9 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
     };
     let mut file = Cursor::new(bytes);
     tags::check(&mut file)?;
-    let mut decoder = TiffDecoder::new(BufReader::new(file)).map_err(damaged)?.with_limits(tiff_limits(length));
+    let mut decoder = TiffDecoder::new(BufReader::new(file))
+        .map_err(damaged)?
+        .with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
     check_promise(columns, rows, length)?;
     let samples = match decoder.colortype().map_err(damaged)? {
@@ -157,7 +185,11 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         TiffColor::RGB(_) => 3,
         TiffColor::RGBA(_) => 4,
         TiffColor::Multiband { num_samples, .. } if num_samples > 0 => usize::from(num_samples),
-        other => return Err(Error::unsupported(format!("needed brightness or colours, found {other:?}"))),
+        other => {
+            return Err(Error::unsupported(format!(
+                "needed brightness or colours, found {other:?}"
+            )));
+        }
     };
     let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U8(v) => (v.into_iter().map(f32::from).collect(), 255.0),
@@ -263,10 +295,15 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
         _ => return Err(damaged()),
     };
     let (columns, rows, white) = (number()?, number()?, number()?);
-    let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
+    let size = columns
+        .checked_mul(rows)
+        .and_then(|n| n.checked_mul(samples))
+        .filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {
-        return Err(Error::input(format!("needed a greatest value from 1 to 65535, found {white}")));
+        return Err(Error::input(format!(
+            "needed a greatest value from 1 to 65535, found {white}"
+        )));
     }
     let values = match kind[1] {
         b'2' | b'3' => (0..size).map(|_| Ok(number()? as f32)).collect::<Result<_>>()?,
@@ -307,7 +344,9 @@ mod tests {
         fs::write(at("c.png"), &png).unwrap();
         let mut file = Cursor::new(Vec::new());
         let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
-        encoder.write_image::<tiff::encoder::colortype::RGB8>(3, 2, &rgb).unwrap();
+        encoder
+            .write_image::<tiff::encoder::colortype::RGB8>(3, 2, &rgb)
+            .unwrap();
         fs::write(at("d.tif"), file.into_inner()).unwrap();
         let bgr = |row: &[u8]| row.chunks(3).flat_map(|p| [p[2], p[1], p[0]]).collect::<Vec<u8>>();
         let upwards = [bgr(&rgb[9..]), bgr(&rgb[..9])].concat();

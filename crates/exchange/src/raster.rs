@@ -44,7 +44,9 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
             band.len()
         )));
     }
-    let values: Vec<f32> = (0..columns * rows).flat_map(|k| bands.iter().map(move |band| band[k])).collect();
+    let values: Vec<f32> = (0..columns * rows)
+        .flat_map(|k| bands.iter().map(move |band| band[k]))
+        .collect();
     let bytes = match (extension(path).as_str(), bands.len()) {
         ("npy", _) => npy(columns, rows, bands.len(), &values),
         ("tif" | "tiff", 2) => tiff::<2>(columns, rows, &values).map_err(|e| too_large(path, e))?,
@@ -60,7 +62,11 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
 }
 
 fn too_large(path: &Path, e: TiffError) -> Error {
-    Error::unsupported(format!("{}: cannot be written as TIFF; .npy can be larger", path.display())).with_source(e)
+    Error::unsupported(format!(
+        "{}: cannot be written as TIFF; .npy can be larger",
+        path.display()
+    ))
+    .with_source(e)
 }
 
 fn tiff<const N: usize>(columns: usize, rows: usize, values: &[f32]) -> std::result::Result<Vec<u8>, TiffError> {
@@ -101,7 +107,9 @@ mod tests {
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();
         let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
         assert_eq!(decoder.dimensions().unwrap(), (3, 2));
-        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("needed f32") };
+        let DecodingResult::F32(values) = decoder.read_image().unwrap() else {
+            panic!("needed f32")
+        };
         assert_eq!(values[..4], [1.0, 0.5, 2.0, 0.25]);
         let path = folder.path().join("a.npy");
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();

@@ -81,12 +81,17 @@ impl SenseKind {
     /// The files that it names.
     fn inputs(&self) -> Vec<PathBuf> {
         match self {
-            Self::Stereo { left, right, calibration, .. } => {
-                [left, right].into_iter().chain(calibration).cloned().collect()
-            }
-            Self::Photometric { images, mask, calibration } => {
-                images.iter().chain(mask).chain([calibration]).cloned().collect()
-            }
+            Self::Stereo {
+                left,
+                right,
+                calibration,
+                ..
+            } => [left, right].into_iter().chain(calibration).cloned().collect(),
+            Self::Photometric {
+                images,
+                mask,
+                calibration,
+            } => images.iter().chain(mask).chain([calibration]).cloned().collect(),
             Self::NormalMap { image, .. } => vec![image.clone()],
             Self::Depth { image, calibration } => [image].into_iter().chain(calibration).cloned().collect(),
         }
@@ -208,12 +213,17 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
     let working = Part::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
-        SenseKind::Stereo { left, right, calibration, options } => {
-            stereo(left, right, calibration.as_deref(), options, &working)?
-        }
-        SenseKind::Photometric { images, mask, calibration } => {
-            photometric(images, mask.as_deref(), calibration, &working)?
-        }
+        SenseKind::Stereo {
+            left,
+            right,
+            calibration,
+            options,
+        } => stereo(left, right, calibration.as_deref(), options, &working)?,
+        SenseKind::Photometric {
+            images,
+            mask,
+            calibration,
+        } => photometric(images, mask.as_deref(), calibration, &working)?,
         SenseKind::NormalMap { image, sigma_deg } => normal_map(image, *sigma_deg)?,
         SenseKind::Depth { image, calibration } => depth(image, calibration.as_deref())?,
     };
@@ -225,10 +235,15 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let unit = sensed.unit.or(job.unit);
     let mut warnings = Vec::new();
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        warnings.push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
+        warnings
+            .push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
     }
     progress.check(WRITING_STAGE, 0.95)?;
-    let written = job.outputs.iter().map(|path| write(path, &sensed, unit)).collect::<Result<_>>()?;
+    let written = job
+        .outputs
+        .iter()
+        .map(|path| write(path, &sensed, unit))
+        .collect::<Result<_>>()?;
     progress.advance("done", 1.0);
     Ok(SenseReport {
         kind: job.kind.name(),
@@ -261,25 +276,46 @@ fn stereo(
     let calibration = calibration.map(read_stereo_calibration).transpose()?;
     let images = [read_brightness(left)?, read_brightness(right)?];
     let blame = || format!("{}, {}", left.display(), right.display());
-    let map = match_stereo(&images[0], &images[1], options, &mut |share| progress.check("matching", share))
-        .map_err(|e| in_context(e, blame()))?;
+    let map = match_stereo(&images[0], &images[1], options, &mut |share| {
+        progress.check("matching", share)
+    })
+    .map_err(|e| in_context(e, blame()))?;
     let scan = calibration.map(|c| c.camera.scan(&map, "stereo")).transpose();
     let scan = scan.map_err(|e| e.in_context(blame()))?;
-    let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
+    let known: Vec<f64> = map
+        .sigma
+        .iter()
+        .filter(|s| s.is_finite())
+        .map(|s| f64::from(*s))
+        .collect();
     if known.is_empty() {
         return Err(Error::undetermined(format!(
             "{}: no disparity is to be believed: are the pictures rectified, left before right, and the range of disparities wide enough?",
             blame()
         )));
     }
-    let StereoRejected { ambiguous, left_right, speckle, range } = map.rejected;
-    let causes = [("ambiguous", ambiguous), ("left_right", left_right), ("speckle", speckle), ("range", range)];
+    let StereoRejected {
+        ambiguous,
+        left_right,
+        speckle,
+        range,
+    } = map.rejected;
+    let causes = [
+        ("ambiguous", ambiguous),
+        ("left_right", left_right),
+        ("speckle", speckle),
+        ("range", range),
+    ];
     Ok(Sensed {
         pixels: map.disparity.len(),
         observations: known.len(),
         rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
         sigma_px: summary(known),
-        raster: Some((map.columns, map.rows, vec![("disparity", map.disparity), ("sigma", map.sigma)])),
+        raster: Some((
+            map.columns,
+            map.rows,
+            vec![("disparity", map.disparity), ("sigma", map.sigma)],
+        )),
         unit: calibration.and_then(|c| c.unit),
         scan,
         ..Sensed::default()
@@ -326,22 +362,38 @@ fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, prog
 
 fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     if !(sigma_deg.is_finite() && sigma_deg > 0.0) {
-        return Err(Error::input(format!("needed a σ of the normals > 0, in degrees, found {sigma_deg}")));
+        return Err(Error::input(format!(
+            "needed a σ of the normals > 0, in degrees, found {sigma_deg}"
+        )));
     }
     let picture = read_picture(image)?;
     let map = normals_from_colours(picture.columns, picture.rows, &picture.values, picture.white, sigma_deg);
-    map.and_then(|map| of_normals(&map, 1.0)).map_err(|e| e.in_context(image.display()))
+    map.and_then(|map| of_normals(&map, 1.0))
+        .map_err(|e| e.in_context(image.display()))
 }
 
 fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
     let scan = map.scan(pixel_size, "normals")?;
-    let band = |k: usize| map.normals.iter().map(|n| n.map_or(f32::NAN, |n| n[k] as f32)).collect::<Vec<f32>>();
+    let band = |k: usize| {
+        map.normals
+            .iter()
+            .map(|n| n.map_or(f32::NAN, |n| n[k] as f32))
+            .collect::<Vec<f32>>()
+    };
     let sigma = map.sigma_deg.iter().map(|s| *s as f32).collect();
-    let bands = vec![("nx", band(0)), ("ny", band(1)), ("nz", band(2)), ("sigma_n_deg", sigma)];
+    let bands = vec![
+        ("nx", band(0)),
+        ("ny", band(1)),
+        ("nz", band(2)),
+        ("sigma_n_deg", sigma),
+    ];
     Ok(Sensed {
         pixels: map.normals.len(),
         observations: scan.points.len(),
-        rejected: [("undetermined", map.undetermined)].into_iter().filter(|(_, n)| *n > 0).collect(),
+        rejected: [("undetermined", map.undetermined)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .collect(),
         sigma_n_deg: summary(map.sigma_deg.iter().copied().filter(|s| s.is_finite()).collect()),
         raster: Some((map.columns, map.rows, bands)),
         scan: Some(scan),
@@ -353,12 +405,18 @@ fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
     let calibration = calibration_of(image, calibration)?;
     let (scan, unit) = read_depth(image, &calibration)?;
     if scan.points.is_empty() {
-        return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
+        return Err(Error::undetermined(format!(
+            "{}: no pixel has a depth",
+            image.display()
+        )));
     }
     Ok(Sensed {
         pixels: scan.points.len() + scan.dropped_not_finite,
         observations: scan.points.len(),
-        rejected: [("no_reading", scan.dropped_not_finite)].into_iter().filter(|(_, n)| *n > 0).collect(),
+        rejected: [("no_reading", scan.dropped_not_finite)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .collect(),
         unit,
         more_inputs: vec![calibration],
         scan: Some(scan),
@@ -378,8 +436,16 @@ fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
 
 fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     values.sort_by(f64::total_cmp);
-    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
-    Some(SigmaSummary { median: at(0.5)?, p95: at(0.95)?, max: at(1.0)? })
+    let at = |share: f64| {
+        values
+            .get(((values.len() as f64 - 1.0) * share).round() as usize)
+            .copied()
+    };
+    Some(SigmaSummary {
+        median: at(0.5)?,
+        p95: at(0.95)?,
+        max: at(1.0)?,
+    })
 }
 
 fn check_outputs(job: &SenseJob) -> Result<()> {
@@ -399,7 +465,11 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
             }
             "tif" | "tiff" | "npy" if images && !packed => {}
             other => {
-                let wanted = if images { ".ply (points), or .tif or .npy (an image of numbers)" } else { ".ply (points)" };
+                let wanted = if images {
+                    ".ply (points), or .tif or .npy (an image of numbers)"
+                } else {
+                    ".ply (points)"
+                };
                 return Err(Error::unsupported(format!(
                     "{}: the extension says what to write: needed {wanted}, found `{other}`",
                     path.display()
@@ -407,7 +477,10 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
             }
         }
         if job.outputs[..k].iter().any(|other| real_path(other) == real_path(path)) {
-            return Err(Error::input(format!("{}: named twice as an output: needed a name for each", path.display())));
+            return Err(Error::input(format!(
+                "{}: named twice as an output: needed a name for each",
+                path.display()
+            )));
         }
         refuse_input_as_output(path, &inputs)?;
         check_writable(path)?;
@@ -416,14 +489,21 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
 }
 
 fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile> {
-    let mut written = SensedFile { file: path.to_path_buf(), points: None, bands: Vec::new() };
+    let mut written = SensedFile {
+        file: path.to_path_buf(),
+        points: None,
+        bands: Vec::new(),
+    };
     match (extension(path).as_str(), &sensed.scan, &sensed.raster) {
         ("ply", Some(scan), _) => {
             write_scan(path, scan, unit)?;
             written.points = Some(scan.points.len());
         }
         ("ply", None, _) | (_, _, None) => {
-            return Err(Error::input(format!("{}: there is nothing of that kind to write", path.display())));
+            return Err(Error::input(format!(
+                "{}: there is nothing of that kind to write",
+                path.display()
+            )));
         }
         (_, _, Some((columns, rows, bands))) => {
             let values: Vec<&[f32]> = bands.iter().map(|(_, band)| &band[..]).collect();

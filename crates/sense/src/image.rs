@@ -46,7 +46,8 @@ impl Image {
     #[inline]
     #[must_use]
     pub fn between(&self, u: f64, v: f64) -> Option<f32> {
-        let inside = |t: f64, n: usize| (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)));
+        let inside =
+            |t: f64, n: usize| (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)));
         let (i, j) = (inside(u, self.columns)?, inside(v, self.rows)?);
         let (s, t) = ((u - i as f64) as f32, (v - j as f64) as f32);
         let (right, below) = ((i + 1).min(self.columns - 1), (j + 1).min(self.rows - 1));

@@ -111,16 +111,25 @@ pub fn photometric_normals(
     let sigma = match options.sigma_brightness {
         Some(sigma) => sigma,
         // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
-        None => (0..2).fold(0.0, |sigma, _| typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()),
+        None => (0..2).fold(0.0, |sigma, _| {
+            typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()
+        }),
     };
     // Half a step of eight bits is the least that a perfect fit may claim.
-    let sigma = if sigma > 0.0 { sigma } else { f64::from(brightest) / 512.0 };
+    let sigma = if sigma > 0.0 {
+        sigma
+    } else {
+        f64::from(brightest) / 512.0
+    };
     let light_variance = options.sigma_light_deg.to_radians().powi(2);
     let found: Vec<Option<Option<([f64; 3], f64)>>> = (0..columns * rows)
         .into_par_iter()
         .map(|k| {
             let readings = readings(k)?;
-            Some(Pixel::fit(&readings, lights, ambient, sigma).and_then(|p| p.normal(lights, sigma, options, light_variance)))
+            Some(
+                Pixel::fit(&readings, lights, ambient, sigma)
+                    .and_then(|p| p.normal(lights, sigma, options, light_variance)),
+            )
         })
         .collect();
     let undetermined = found.iter().filter(|f| matches!(f, Some(None))).count();
@@ -152,7 +161,10 @@ impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
     fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
         let most = readings.iter().copied().fold(0.0, f64::max);
-        let lit: Vec<f64> = readings.iter().map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 }).collect();
+        let lit: Vec<f64> = readings
+            .iter()
+            .map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 })
+            .collect();
         let mut weights = lit.clone();
         let mut b = [0.0; 3];
         let mut residuals = vec![0.0; readings.len()];
@@ -169,7 +181,12 @@ impl Pixel {
             for (k, l) in lights.iter().enumerate() {
                 residuals[k] = readings[k] - dot(b, *l) - brightness;
             }
-            let among: Vec<f64> = residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
+            let among: Vec<f64> = residuals
+                .iter()
+                .zip(&lit)
+                .filter(|(_, w)| **w > 0.0)
+                .map(|(r, _)| r.abs())
+                .collect();
             // With four readings or fewer nothing can be left out: one residual speaks for all.
             if count < 5.0 || round == ROUNDS {
                 continue;
@@ -196,7 +213,13 @@ impl Pixel {
     }
 
     /// The normal and its σ in degrees.
-    fn normal(&self, lights: &[[f64; 3]], sigma: f64, options: &PhotometricOptions, light_variance: f64) -> Option<([f64; 3], f64)> {
+    fn normal(
+        &self,
+        lights: &[[f64; 3]],
+        sigma: f64,
+        options: &PhotometricOptions,
+        light_variance: f64,
+    ) -> Option<([f64; 3], f64)> {
         let n = unit(self.b).filter(|n| n[2] < 0.0)?;
         let (squares, freedom) = self.squares();
         let variance = match options.sigma_brightness {
@@ -218,7 +241,9 @@ impl Pixel {
 
 /// The residual variance of every pixel that has enough lights.
 fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Vec<f64> {
-    let fits = pixels.par_iter().filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
+    let fits = pixels
+        .par_iter()
+        .filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
     let variances = fits.filter_map(|p| {
         let (squares, freedom) = p.squares();
         (freedom > 0.5).then(|| squares / freedom)
@@ -238,10 +263,16 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
     let cost: Vec<f64> = (0..=steps)
         .map(|k| {
             // The median over all readings, those left out too: what is left out must not flatter.
-            let fits = pixels.par_iter().filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
+            let fits = pixels
+                .par_iter()
+                .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
             let residuals = fits.flat_map_iter(|(fit, readings)| {
                 let most = readings.iter().copied().fold(0.0, f64::max);
-                let lit = fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * most);
+                let lit = fit
+                    .residuals
+                    .into_iter()
+                    .zip(readings)
+                    .filter(move |(_, i)| **i > SHADOW * most);
                 lit.map(|(r, _)| r.abs())
             });
             median(residuals.collect())
@@ -252,7 +283,11 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
         return AMBIENT_STEP * best as f64;
     }
     let curvature = cost[best - 1] - 2.0 * cost[best] + cost[best + 1];
-    let offset = if curvature > 0.0 { 0.5 * (cost[best - 1] - cost[best + 1]) / curvature } else { 0.0 };
+    let offset = if curvature > 0.0 {
+        0.5 * (cost[best - 1] - cost[best + 1]) / curvature
+    } else {
+        0.0
+    };
     AMBIENT_STEP * (best as f64 + offset)
 }
 
@@ -266,7 +301,10 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
     let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
     let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
     if inside.len() < 100 {
-        return Err(Error::undetermined(format!("needed a ball of 100 pixels or more, found {}", inside.len())));
+        return Err(Error::undetermined(format!(
+            "needed a ball of 100 pixels or more, found {}",
+            inside.len()
+        )));
     }
     let place = |k: usize| [(k % mask.columns) as f64, (k / mask.columns) as f64];
     let middle = |pixels: &mut dyn Iterator<Item = (usize, f64)>| {
@@ -292,7 +330,9 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
         let square = x * x + y * y;
         if !(most > 0.0 && square < 1.0) {
-            return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
+            return Err(Error::undetermined(format!(
+                "image {number} of the ball has no highlight"
+            )));
         }
         let n = [x, y, -(1.0 - square).sqrt()];
         // v = (0, 0, −1).
@@ -306,7 +346,13 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
 ///
 /// # Errors
 /// `Input` for values that are not three for each pixel.
-pub fn normals_from_colours(columns: usize, rows: usize, values: &[f32], white: f32, sigma_deg: f64) -> Result<NormalMap> {
+pub fn normals_from_colours(
+    columns: usize,
+    rows: usize,
+    values: &[f32],
+    white: f32,
+    sigma_deg: f64,
+) -> Result<NormalMap> {
     if values.len() != 3 * columns * rows {
         return Err(Error::input(format!(
             "needed the three colours of {columns} × {rows} pixels, found {} values",
@@ -323,7 +369,10 @@ pub fn normals_from_colours(columns: usize, rows: usize, values: &[f32], white: 
     Ok(NormalMap {
         columns,
         rows,
-        sigma_deg: normals.iter().map(|n| if n.is_some() { sigma_deg } else { f64::NAN }).collect(),
+        sigma_deg: normals
+            .iter()
+            .map(|n| if n.is_some() { sigma_deg } else { f64::NAN })
+            .collect(),
         undetermined: normals.iter().filter(|n| n.is_none()).count(),
         normals,
         ambient: 0.0,
@@ -347,7 +396,13 @@ impl NormalMap {
         let deep = (pixel_size * self.columns.max(self.rows) as f64).powi(2);
         let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
         known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);
-        let point = |k: &usize| [(k % self.columns) as f64 * pixel_size, (k / self.columns) as f64 * pixel_size, 0.0];
+        let point = |k: &usize| {
+            [
+                (k % self.columns) as f64 * pixel_size,
+                (k / self.columns) as f64 * pixel_size,
+                0.0,
+            ]
+        };
         Ok(Scan {
             name: name.to_owned(),
             points: known.iter().map(point).collect(),
@@ -367,7 +422,10 @@ impl NormalMap {
 
 fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &PhotometricOptions) -> Result<()> {
     if images.len() < 3 {
-        return Err(Error::input(format!("needed three images or more, found {}", images.len())));
+        return Err(Error::input(format!(
+            "needed three images or more, found {}",
+            images.len()
+        )));
     }
     if images.len() != lights.len() {
         return Err(Error::input(format!(
@@ -392,13 +450,22 @@ fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &
     lights.iter().for_each(|l| accumulate(&mut m, 1.0, *l));
     match inverse(&m).is_some() {
         true => Ok(()),
-        false => Err(Error::undetermined("the lights lie in one plane with the object: needed three that do not")),
+        false => Err(Error::undetermined(
+            "the lights lie in one plane with the object: needed three that do not",
+        )),
     }
 }
 
 /// `m += w l lᵀ`, of `[xx, xy, xz, yy, yz, zz]`.
 fn accumulate(m: &mut [f64; 6], w: f64, l: [f64; 3]) {
-    let products = [l[0] * l[0], l[0] * l[1], l[0] * l[2], l[1] * l[1], l[1] * l[2], l[2] * l[2]];
+    let products = [
+        l[0] * l[0],
+        l[0] * l[1],
+        l[0] * l[2],
+        l[1] * l[1],
+        l[1] * l[2],
+        l[2] * l[2],
+    ];
     m.iter_mut().zip(products).for_each(|(m, p)| *m += w * p);
 }
 
@@ -413,7 +480,14 @@ fn multiply(m: &[f64; 6], v: [f64; 3]) -> [f64; 3] {
 /// The inverse, unless the matrix is nearly singular.
 fn inverse(m: &[f64; 6]) -> Option<[f64; 6]> {
     let [a, b, c, d, e, f] = *m;
-    let cofactors = [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
+    let cofactors = [
+        d * f - e * e,
+        c * e - b * f,
+        b * e - c * d,
+        a * f - c * c,
+        b * c - a * e,
+        a * d - b * b,
+    ];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
     let trace = a + d + f;
     (determinant > 1e-7 * trace.powi(3)).then(|| cofactors.map(|c| c / determinant))

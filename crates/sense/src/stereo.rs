@@ -60,8 +60,8 @@ impl Default for StereoOptions {
         Self {
             least_disparity: 0,
             disparities: 64,
-            small_step: 20,
-            large_step: 200,
+            small_step: 45,
+            large_step: 300,
             uniqueness: 3,
             left_right: 1,
             speckle: 100,
@@ -130,14 +130,19 @@ pub fn match_stereo(
     let mut first = vec![f32::NAN; winners.len()];
     for (k, w) in winners.iter().enumerate() {
         let there = (k % columns) as i64 - i64::from(options.least_disparity) - i64::from(w.best);
-        let agrees = usize::try_from(there).ok().filter(|t| *t < columns).is_some_and(|there| {
-            let other = right_best[k - k % columns + there];
-            u32::from(other.abs_diff(w.best)) <= options.left_right
-        });
+        let agrees = usize::try_from(there)
+            .ok()
+            .filter(|t| *t < columns)
+            .is_some_and(|there| {
+                let other = right_best[k - k % columns + there];
+                u32::from(other.abs_diff(w.best)) <= options.left_right
+            });
         match () {
             () if !w.clear => rejected.ambiguous += 1,
             () if !agrees => rejected.left_right += 1,
-            () if w.best == 0 && options.least_disparity != 0 || usize::from(w.best) + 1 == disparities => rejected.range += 1,
+            () if w.best == 0 && options.least_disparity != 0 || usize::from(w.best) + 1 == disparities => {
+                rejected.range += 1
+            }
             () => first[k] = w.between + options.least_disparity as f32,
         }
     }
@@ -240,7 +245,10 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
         )));
     }
     if let Some(k) = left.values.iter().chain(&right.values).position(|v| !v.is_finite()) {
-        return Err(Error::input(format!("needed finite brightness, found none at pixel {}", k % left.values.len())));
+        return Err(Error::input(format!(
+            "needed finite brightness, found none at pixel {}",
+            k % left.values.len()
+        )));
     }
     Ok(())
 }

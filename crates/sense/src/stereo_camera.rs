@@ -36,7 +36,11 @@ impl StereoCamera {
     }
 
     fn ray(&self, u: f64, v: f64) -> [f64; 3] {
-        [(u - self.center[0]) / self.focal, (v - self.center[1]) / self.focal, 1.0]
+        [
+            (u - self.center[0]) / self.focal,
+            (v - self.center[1]) / self.focal,
+            1.0,
+        ]
     }
 
     /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a disparity with the given σ, in pixels.
@@ -149,7 +153,12 @@ mod tests {
         let scale = |i: usize, j: usize| (stated[[0, 3, 5][i]] * stated[[0, 3, 5][j]]).sqrt();
         for (k, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
             // The standard error of a variance of so many draws is 0.7 %.
-            assert!((sums[k] - stated[k]).abs() < 0.03 * scale(i, j), "{k}: {} {}", sums[k], stated[k]);
+            assert!(
+                (sums[k] - stated[k]).abs() < 0.03 * scale(i, j),
+                "{k}: {} {}",
+                sums[k],
+                stated[k]
+            );
         }
     }
 }

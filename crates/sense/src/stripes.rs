@@ -138,11 +138,20 @@ pub fn orientation(
         };
         point_and_normal(camera, projector, stripes, &junction)
     };
-    let z = [junction.image[0], junction.image[1], junction.angles_rad[0], junction.angles_rad[1]];
+    let z = [
+        junction.image[0],
+        junction.image[1],
+        junction.angles_rad[0],
+        junction.angles_rad[1],
+    ];
     let (point, normal) = of(z).ok_or_else(nothing)?;
     let (mut of_point, mut of_normal) = ([0.0; 6], [0.0; 6]);
     for k in 0..4 {
-        let (sigma, step) = if k < 2 { (sigma.place_px, 1e-3) } else { (sigma.angle_rad, 1e-5) };
+        let (sigma, step) = if k < 2 {
+            (sigma.place_px, 1e-3)
+        } else {
+            (sigma.angle_rad, 1e-5)
+        };
         let beside = |s: f64| {
             let mut z = z;
             z[k] += s;
@@ -187,7 +196,10 @@ fn point_and_normal(
     // Four planes through the point: two of the camera's ray, two of the stripes.
     let ray = [[1.0, 0.0], [0.0, 1.0]].map(|d| camera.plane_of_line(junction.image, d));
     let (from_camera, from_projector) = (camera.centre(), projector.centre());
-    let planes = ray.map(|n| (n, from_camera)).into_iter().chain(lit.map(|n| (n, from_projector)));
+    let planes = ray
+        .map(|n| (n, from_camera))
+        .into_iter()
+        .chain(lit.map(|n| (n, from_projector)));
     let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
     for (n, through) in planes {
         let n = unit(n)?;
@@ -243,7 +255,9 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
         }
         let shares = lengths.map(|l| 1.0 / (l * l));
         let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
-        let of_points: f64 = (0..2).map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n)).sum();
+        let of_points: f64 = (0..2)
+            .map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n))
+            .sum();
         let of_middle = (shares[0] + shares[1]).powi(2) * variance_along(&middle.covariance, n);
         let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
         let of_normal = variance_along(&middle.normal_covariance, lever);
@@ -258,7 +272,9 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
     let determinant = dot(m[0], cross(m[1], m[2]));
     let size = m[0][0] + m[1][1] + m[2][2];
     if !(determinant > 1e-9 * size.powi(3)) {
-        return Err(Error::undetermined("needed neighbours in three directions for the curvature"));
+        return Err(Error::undetermined(
+            "needed neighbours in three directions for the curvature",
+        ));
     }
     let inverse = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| scale(1.0 / determinant, c));
     let [a, b, d] = inverse.map(|row| dot(row, r));

@@ -102,9 +102,24 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
     )?;
     let sigma = t.sigma_brightness;
     check_numbers(&[
-        ("pixel_size", t.pixel_size, t.pixel_size > 0.0, "a finite number above 0"),
-        ("sigma_brightness", sigma.unwrap_or(1.0), sigma.is_none_or(|s| s > 0.0), "a finite number above 0"),
-        ("sigma_light_deg", t.sigma_light_deg, t.sigma_light_deg >= 0.0, "a finite number that is not negative"),
+        (
+            "pixel_size",
+            t.pixel_size,
+            t.pixel_size > 0.0,
+            "a finite number above 0",
+        ),
+        (
+            "sigma_brightness",
+            sigma.unwrap_or(1.0),
+            sigma.is_none_or(|s| s > 0.0),
+            "a finite number above 0",
+        ),
+        (
+            "sigma_light_deg",
+            t.sigma_light_deg,
+            t.sigma_light_deg >= 0.0,
+            "a finite number that is not negative",
+        ),
     ])?;
     let source = match (t.lights, t.ball) {
         (Some(lights), None) => LightSource::Directions(directions(&lights, t.frame)?),
@@ -157,7 +172,9 @@ mod tests {
     fn lights_are_turned_into_the_cameras_frame() {
         let text = "frame = \"viewer\"\nlights = [[0, 0, 2], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n";
         let found = parse(text, Path::new("")).unwrap();
-        let LightSource::Directions(lights) = found.source else { panic!("needed directions") };
+        let LightSource::Directions(lights) = found.source else {
+            panic!("needed directions")
+        };
         assert_eq!(lights[0], [0.0, -0.0, -1.0]);
         assert_eq!(lights[2], [0.0, -0.6, -0.8]);
         assert_eq!((found.pixel_size, found.sigma_brightness), (1.0, None));

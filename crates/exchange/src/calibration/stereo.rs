@@ -90,12 +90,18 @@ mod tests {
     fn cameras_are_read_and_mistakes_are_named() {
         let text = "unit = \"mm\"\nf = 3740\ncx = 641\ncy = 555.0\nbaseline = 160\n";
         let found = parse(text).unwrap();
-        assert_eq!((found.camera.focal, found.camera.doffs, found.unit), (3740.0, 0.0, Some(Unit::Millimetre)));
+        assert_eq!(
+            (found.camera.focal, found.camera.doffs, found.unit),
+            (3740.0, 0.0, Some(Unit::Millimetre))
+        );
         let e = parse(&format!("{text}dofs = 2\n")).unwrap_err().to_string();
         assert!(e.contains("line 6") && e.contains("doffs"), "{e}");
         let e = parse(&text.replace("160", "-160")).unwrap_err().to_string();
         assert!(e.contains("above 0 for baseline, found -160"), "{e}");
         let e = parse("f = 1\n").unwrap_err().to_string();
-        assert!(e.contains("missing field `cx`") && e.contains("need f cx cy baseline"), "{e}");
+        assert!(
+            e.contains("missing field `cx`") && e.contains("need f cx cy baseline"),
+            "{e}"
+        );
     }
 }

@@ -46,7 +46,9 @@ fn ball(lights: &[[f64; 3]], sigma: f64, ambient: f64, gloss: f64, seed: u64) ->
 fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
     let (mut normalised, mut degrees) = (Vec::new(), Vec::new());
     for k in 0..SIDE * SIDE {
-        let (Some(truth), Some(found)) = (true_normal(k), map.normals[k]) else { continue };
+        let (Some(truth), Some(found)) = (true_normal(k), map.normals[k]) else {
+            continue;
+        };
         let (e1, e2) = tangents(truth);
         let sigma = map.sigma_deg[k].to_radians();
         normalised.extend([dot(found, e1) / sigma, dot(found, e2) / sigma]);
@@ -59,7 +61,11 @@ fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
 fn the_stated_sigma_is_that_of_the_errors() {
     for (count, stated) in [(3, Some(2.0)), (6, None), (12, None)] {
         let lights = lights(count);
-        let options = PhotometricOptions { sigma_brightness: stated, ambient: Some(0.0), ..Default::default() };
+        let options = PhotometricOptions {
+            sigma_brightness: stated,
+            ambient: Some(0.0),
+            ..Default::default()
+        };
         let (mut squares, mut inside, mut n) = (0.0, 0, 0);
         for seed in 0..4 {
             let map = photometric_normals(&ball(&lights, 2.0, 0.0, 0.0, seed), &lights, None, &options).unwrap();
@@ -69,7 +75,10 @@ fn the_stated_sigma_is_that_of_the_errors() {
             n += normalised.len();
         }
         let (scale, covered) = ((squares / n as f64).sqrt(), inside as f64 / n as f64);
-        assert!((0.88..1.12).contains(&scale) && (0.92..0.98).contains(&covered), "{count}: {scale} {covered}");
+        assert!(
+            (0.88..1.12).contains(&scale) && (0.92..0.98).contains(&covered),
+            "{count}: {scale} {covered}"
+        );
     }
 }
 
@@ -89,17 +98,33 @@ fn highlights_are_left_out() {
         for (l, image) in lights.iter().zip(&images) {
             (0..3).for_each(|c| r[c] += l[c] * f64::from(image.values[k]));
         }
-        Some(dot(unit(multiply(&inverse, r))?, truth).clamp(-1.0, 1.0).acos().to_degrees())
+        Some(
+            dot(unit(multiply(&inverse, r))?, truth)
+                .clamp(-1.0, 1.0)
+                .acos()
+                .to_degrees(),
+        )
     };
     let plain: Vec<f64> = (0..SIDE * SIDE).filter_map(plain).collect();
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    assert!(mean(&robust) < 0.5 * mean(&plain), "{} and {}", mean(&robust), mean(&plain));
+    assert!(
+        mean(&robust) < 0.5 * mean(&plain),
+        "{} and {}",
+        mean(&robust),
+        mean(&plain)
+    );
 }
 
 #[test]
 fn light_from_everywhere_is_found() {
     let lights = lights(8);
-    let map = photometric_normals(&ball(&lights, 1.0, 0.12, 0.0, 3), &lights, None, &PhotometricOptions::default()).unwrap();
+    let map = photometric_normals(
+        &ball(&lights, 1.0, 0.12, 0.0, 3),
+        &lights,
+        None,
+        &PhotometricOptions::default(),
+    )
+    .unwrap();
     assert!((map.ambient - 0.12).abs() < 0.04, "{}", map.ambient);
     let (_, degrees) = judge(&map);
     assert!(median(degrees.clone()) < 1.5, "{}", median(degrees));
@@ -139,7 +164,9 @@ fn what_does_not_determine_a_normal_is_refused() {
     let three = lights(3);
     let images = ball(&three, 1.0, 0.0, 0.0, 1);
     let said = |images: &[Image], lights: &[[f64; 3]]| {
-        photometric_normals(images, lights, None, &PhotometricOptions::default()).unwrap_err().to_string()
+        photometric_normals(images, lights, None, &PhotometricOptions::default())
+            .unwrap_err()
+            .to_string()
     };
     assert!(said(&images, &three).contains("state sigma_brightness"));
     assert!(said(&images, &lights(4)).contains("found 3 and 4"));

@@ -136,7 +136,9 @@ mod tests {
 
     fn pattern(columns: usize, rows: usize, shift: usize) -> Image {
         let value = |x: usize, y: usize| ((x * 7919 + y * 104_729 + (x * y) % 13 * 31) % 97) as f32;
-        let values = (0..rows).flat_map(|y| (0..columns).map(move |x| value(x + shift, y))).collect();
+        let values = (0..rows)
+            .flat_map(|y| (0..columns).map(move |x| value(x + shift, y)))
+            .collect();
         Image::try_new(columns, rows, values).unwrap()
     }
 

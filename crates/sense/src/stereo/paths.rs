@@ -130,7 +130,14 @@ impl WithSimd for AlongRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { brightness, disparities, penalties, costs, sums, .. } = self;
+        let Self {
+            brightness,
+            disparities,
+            penalties,
+            costs,
+            sums,
+            ..
+        } = self;
         let columns = brightness.len();
         self.cost.row(self.row, disparities, costs);
         for backwards in [false, true] {
@@ -138,7 +145,11 @@ impl WithSimd for AlongRow<'_> {
             let (mut before, mut here) = path.split_at_mut(disparities + 3);
             for k in 0..columns {
                 let x = if backwards { columns - 1 - k } else { k };
-                let last = if backwards { (x + 1).min(columns - 1) } else { x.saturating_sub(1) };
+                let last = if backwards {
+                    (x + 1).min(columns - 1)
+                } else {
+                    x.saturating_sub(1)
+                };
                 let at = x * disparities..(x + 1) * disparities;
                 let more = penalties.more_at(brightness[x] - brightness[last]);
                 step(&costs[at.clone()], before, more, penalties.one, here, &mut sums[at]);
@@ -170,14 +181,26 @@ fn across_rows(
     for first in (0..rows).step_by(ROWS_OF_COSTS) {
         let block = ROWS_OF_COSTS.min(rows - first);
         let row_of = |k: usize| if upwards { rows - 1 - k } else { k };
-        costs[..block * row_length].par_chunks_exact_mut(row_length).enumerate().for_each(|(i, costs)| {
-            let (row, disparities) = (row_of(first + i), disparities);
-            simd.dispatch(RowCosts { cost, row, disparities, costs });
-        });
+        costs[..block * row_length]
+            .par_chunks_exact_mut(row_length)
+            .enumerate()
+            .for_each(|(i, costs)| {
+                let (row, disparities) = (row_of(first + i), disparities);
+                simd.dispatch(RowCosts {
+                    cost,
+                    row,
+                    disparities,
+                    costs,
+                });
+            });
         for i in 0..block {
             let k = first + i;
             let y = row_of(k);
-            let last = if upwards { (y + 1).min(rows - 1) } else { y.saturating_sub(1) };
+            let last = if upwards {
+                (y + 1).min(rows - 1)
+            } else {
+                y.saturating_sub(1)
+            };
             let (brightness, other) = (image.row(y), image.row(last));
             let costs = &costs[i * row_length..][..row_length];
             let tasks = here
@@ -241,13 +264,23 @@ impl WithSimd for Across<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { disparities, penalties, brightness, .. } = self;
+        let Self {
+            disparities,
+            penalties,
+            brightness,
+            ..
+        } = self;
         let width = disparities + 3;
-        let pixels = self.here.chunks_exact_mut(3 * width).zip(self.sums.chunks_exact_mut(disparities));
+        let pixels = self
+            .here
+            .chunks_exact_mut(3 * width)
+            .zip(self.sums.chunks_exact_mut(disparities));
         for (x, (here, sums)) in (self.first..).zip(pixels) {
             let costs = &self.costs[x * disparities..][..disparities];
             for (path, here) in here.chunks_exact_mut(width).enumerate() {
-                let from = (x + path).checked_sub(1).filter(|from| *from < brightness.len() && self.begun);
+                let from = (x + path)
+                    .checked_sub(1)
+                    .filter(|from| *from < brightness.len() && self.begun);
                 let (before, change) = match from {
                     Some(from) => (
                         &self.before[(3 * from + path) * width..][..width],

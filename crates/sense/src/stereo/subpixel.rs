@@ -70,7 +70,9 @@ pub(super) fn refine(left: &Image, right: &Image, first: &[f32], contrast: f32) 
     let mut found = vec![None; first.len()];
     found.par_chunks_mut(columns).enumerate().for_each(|(y, found)| {
         for (x, found) in found.iter_mut().enumerate() {
-            *found = window(x, y).and_then(|window| window.refine(left, right, Some(noise))).map(|(refined, _)| refined);
+            *found = window(x, y)
+                .and_then(|window| window.refine(left, right, Some(noise)))
+                .map(|(refined, _)| refined);
         }
     });
     found
@@ -232,7 +234,12 @@ fn cubic(row: &[f32], place: f32) -> Option<(f32, f32)> {
     }
     let k = (place as usize).min(row.len() - 2);
     let t = place - k as f32;
-    let p = [row[k.saturating_sub(1)], row[k], row[k + 1], row[(k + 2).min(row.len() - 1)]];
+    let p = [
+        row[k.saturating_sub(1)],
+        row[k],
+        row[k + 1],
+        row[(k + 2).min(row.len() - 1)],
+    ];
     let a = 0.5 * (3.0 * (p[1] - p[2]) + p[3] - p[0]);
     let b = p[0] - 2.5 * p[1] + 2.0 * p[2] - 0.5 * p[3];
     let c = 0.5 * (p[2] - p[0]);
@@ -271,6 +278,9 @@ mod tests {
     fn the_small_system_is_solved() {
         let m = [4.0, 1.0, 0.5, 3.0, -0.5, 2.0];
         let x = solve(m, [4.0 + 2.0 + 1.5, 1.0 + 6.0 - 1.5, 0.5 - 1.0 + 6.0]);
-        assert!(x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-5), "{x:?}");
+        assert!(
+            x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-5),
+            "{x:?}"
+        );
     }
 }

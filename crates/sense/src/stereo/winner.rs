@@ -23,7 +23,9 @@ pub(super) struct Winner {
 ///
 /// `share` is how much more than the least the next minimum must cost, in hundredths.
 pub(super) fn winners(sums: &[u16], disparities: usize, share: u32) -> Vec<Winner> {
-    sums.par_chunks_exact(disparities).map(|sums| winner(sums, share)).collect()
+    sums.par_chunks_exact(disparities)
+        .map(|sums| winner(sums, share))
+        .collect()
 }
 
 fn winner(sums: &[u16], share: u32) -> Winner {
@@ -53,7 +55,9 @@ fn offset(sums: &[u16], best: usize) -> f32 {
 pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, least: i32) -> Vec<u16> {
     let rows = sums.len() / (columns * disparities);
     let mut all = vec![0; columns * rows];
-    let rows = all.par_chunks_exact_mut(columns).zip(sums.par_chunks_exact(columns * disparities));
+    let rows = all
+        .par_chunks_exact_mut(columns)
+        .zip(sums.par_chunks_exact(columns * disparities));
     rows.for_each(|(winners, sums)| {
         let mut costs = vec![u16::MAX; columns];
         for (x, sums) in sums.chunks_exact(disparities).enumerate() {

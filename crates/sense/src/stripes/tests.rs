@@ -7,7 +7,11 @@ const K: [[f64; 3]; 3] = [[1200.0, 0.0, 320.0], [0.0, 1200.0, 240.0], [0.0, 0.0,
 const STRIPES: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 0.0]];
 
 fn camera() -> Pinhole {
-    Pinhole { k: K, r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], t: [0.0; 3] }
+    Pinhole {
+        k: K,
+        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        t: [0.0; 3],
+    }
 }
 
 /// 150 to the right and 60 up, turned towards the axis at 500.
@@ -16,7 +20,11 @@ fn projector() -> Pinhole {
     let z = unit(sub([0.0, 0.0, 500.0], centre)).unwrap();
     let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
     let r = [x, cross(z, x), z];
-    Pinhole { k: K, r, t: times(&r, centre).map(|c| -c) }
+    Pinhole {
+        k: K,
+        r,
+        t: times(&r, centre).map(|c| -c),
+    }
 }
 
 /// Where a ray meets an ellipsoid about (0, 0, 560), and the ellipsoid's normal.
@@ -48,10 +56,17 @@ fn junction(pixel: [f64; 2]) -> Option<Junction> {
     let seen = |pixel: [f64; 2]| camera().project(lit(pixel)?);
     let h = 1e-3;
     let angle = |d: [f64; 2]| {
-        let (a, b) = (seen([pixel[0] - h * d[0], pixel[1] - h * d[1]])?, seen([pixel[0] + h * d[0], pixel[1] + h * d[1]])?);
+        let (a, b) = (
+            seen([pixel[0] - h * d[0], pixel[1] - h * d[1]])?,
+            seen([pixel[0] + h * d[0], pixel[1] + h * d[1]])?,
+        );
         Some((b[1] - a[1]).atan2(b[0] - a[0]))
     };
-    Some(Junction { image: seen(pixel)?, angles_rad: [angle(STRIPES[0])?, angle(STRIPES[1])?], projector: pixel })
+    Some(Junction {
+        image: seen(pixel)?,
+        angles_rad: [angle(STRIPES[0])?, angle(STRIPES[1])?],
+        projector: pixel,
+    })
 }
 
 fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
@@ -61,12 +76,19 @@ fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
 
 fn noisy(j: &Junction, sigma: &JunctionSigma, rng: &mut ChaCha8Rng) -> Junction {
     let mut j = *j;
-    j.image.iter_mut().for_each(|c| *c += sigma.place_px * normal_number(rng));
-    j.angles_rad.iter_mut().for_each(|a| *a += sigma.angle_rad * normal_number(rng));
+    j.image
+        .iter_mut()
+        .for_each(|c| *c += sigma.place_px * normal_number(rng));
+    j.angles_rad
+        .iter_mut()
+        .for_each(|a| *a += sigma.angle_rad * normal_number(rng));
     j
 }
 
-const SIGMA: JunctionSigma = JunctionSigma { place_px: 0.1, angle_rad: 0.01 };
+const SIGMA: JunctionSigma = JunctionSigma {
+    place_px: 0.1,
+    angle_rad: 0.01,
+};
 
 fn oriented(j: &Junction) -> Orientation {
     orientation(&camera(), &projector(), STRIPES, j, &SIGMA).unwrap()
@@ -99,7 +121,12 @@ fn covariances_are_those_of_many_draws() {
             turn += 0.5 * (dot(found.normal, e1).powi(2) + dot(found.normal, e2).powi(2)) / f64::from(draws);
         }
         for (k, of) in [0, 3, 5].into_iter().enumerate() {
-            assert!((place[k] / stated.covariance[of] - 1.0).abs() < 0.07, "{k}: {} {}", place[k], stated.covariance[of]);
+            assert!(
+                (place[k] / stated.covariance[of] - 1.0).abs() < 0.07,
+                "{k}: {} {}",
+                place[k],
+                stated.covariance[of]
+            );
         }
         let ratio = turn.sqrt().to_degrees() / stated.sigma_normal_deg;
         assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
@@ -133,7 +160,10 @@ fn curvatures_of_an_ellipsoid_are_found() {
         let (k1, k2) = true_curvatures(middle.point);
         // It bends away from its normal.
         assert!(k2 < k1 && k1 < 0.0);
-        assert!((found.k1 / k1 - 1.0).abs() < 0.02 && (found.k2 / k2 - 1.0).abs() < 0.02, "{found:?} {k1} {k2}");
+        assert!(
+            (found.k1 / k1 - 1.0).abs() < 0.02 && (found.k2 / k2 - 1.0).abs() < 0.02,
+            "{found:?} {k1} {k2}"
+        );
         assert!(dot(found.d1, middle.normal).abs() < 1e-9);
     }
 }
@@ -142,7 +172,10 @@ fn curvatures_of_an_ellipsoid_are_found() {
 fn the_curvatures_sigma_is_that_of_many_draws() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let pixel = [300.0, 230.0];
-    let sigma = JunctionSigma { place_px: 0.1, angle_rad: 0.004 };
+    let sigma = JunctionSigma {
+        place_px: 0.1,
+        angle_rad: 0.004,
+    };
     let truth = curvature(
         &oriented(&junction(pixel).unwrap()),
         &pairs(pixel, 24.0, &mut |p| oriented(&junction(p).unwrap())),
@@ -168,7 +201,10 @@ fn the_curvatures_sigma_is_that_of_many_draws() {
 #[test]
 fn what_determines_nothing_is_refused() {
     let j = junction([320.0, 240.0]).unwrap();
-    let one = Junction { angles_rad: [j.angles_rad[0]; 2], ..j };
+    let one = Junction {
+        angles_rad: [j.angles_rad[0]; 2],
+        ..j
+    };
     let same = orientation(&camera(), &projector(), [STRIPES[0]; 2], &one, &SIGMA);
     assert_eq!(same.unwrap_err().kind(), planish_estimate::ErrorKind::Undetermined);
     let middle = oriented(&j);
