@@ -314,7 +314,7 @@ pub struct StereoArgs {
 
 const PHOTOMETRIC_EXAMPLES: &str = "\
 Examples:
-  planish sense photometric a.png b.png c.png d.png --calib lights.toml --mask mask.png -o normals.ply
+  planish sense photometric a.png b.png c.png d.png --calib lights.toml -o normals.ply
   planish sense photometric normals.png --normal-map 3 -o normals.ply
 
 The calibration is TOML: `lights`, a direction towards each light in the order of the pictures (x right, y down, z away from the camera, or \

@@ -47,7 +47,8 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
         ErrorKind::Undetermined => Some(match command {
             "fit" => "give more readings, or from more sides; check that the scans share one frame and unit".to_owned(),
             _ if command.starts_with("sense") => {
-                "check the order of the pictures, the mask and the calibration; the picture may show too little".to_owned()
+                "check the order of the pictures, the mask and the calibration; the picture may show too little"
+                    .to_owned()
             }
             _ => "check that both files are of the same thing, in one frame and unit".to_owned(),
         }),
