@@ -172,12 +172,14 @@ pub struct SenseReport {
     pub warnings: Vec<String>,
 }
 
+/// Columns, rows, and the bands by their names.
+type Raster = (usize, usize, Vec<(&'static str, Vec<f32>)>);
+
 /// What was sensed, before it is written.
 #[derive(Default)]
 struct Sensed {
     scan: Option<Scan>,
-    /// Columns, rows, and the bands by their names.
-    raster: Option<(usize, usize, Vec<(&'static str, Vec<f32>)>)>,
+    raster: Option<Raster>,
     pixels: usize,
     observations: usize,
     rejected: BTreeMap<&'static str, usize>,

@@ -122,7 +122,7 @@ pub fn photometric_normals(
         f64::from(brightest) / 512.0
     };
     let light_variance = options.sigma_light_deg.to_radians().powi(2);
-    let found: Vec<Option<Option<([f64; 3], f64)>>> = (0..columns * rows)
+    let found: Vec<Option<Option<Found>>> = (0..columns * rows)
         .into_par_iter()
         .map(|k| {
             let readings = readings(k)?;
@@ -149,6 +149,9 @@ pub fn photometric_normals(
         undetermined,
     })
 }
+
+/// A normal and its σ in degrees.
+type Found = ([f64; 3], f64);
 
 /// One pixel's fit.
 struct Pixel {

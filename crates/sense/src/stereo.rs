@@ -173,7 +173,7 @@ pub fn match_stereo(
 
 /// The σ of a disparity, in pixels, from what its window says.
 ///
-/// `σ² = 0.08² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of the window that lies on other surfaces, the distance m by which
+/// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of the window that lies on other surfaces, the distance m by which
 /// least squares moved the disparity, and the roughness r of the first disparities, all but h in pixels. Least squares alone knows nothing of depth edges, where most gross errors are.
 ///
 /// The factors are those of the greatest likelihood of the errors on the image pairs *cones* and *aloe* (Scharstein and Szeliski 2003, 2006) under
@@ -181,7 +181,7 @@ pub fn match_stereo(
 /// neighbours is not independent, and interpolation errs.
 fn sigma_of(refined: &subpixel::Refined) -> f32 {
     let terms = [
-        0.08,
+        0.11,
         2.5 * refined.sigma.min(LARGEST_SIGMA),
         1.2 * (1.0 - refined.support),
         0.7 * refined.moved,

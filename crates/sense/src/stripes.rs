@@ -271,7 +271,8 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
     }
     let determinant = dot(m[0], cross(m[1], m[2]));
     let size = m[0][0] + m[1][1] + m[2][2];
-    if !(determinant > 1e-9 * size.powi(3)) {
+    let determined = determinant > 1e-9 * size.powi(3);
+    if !determined {
         return Err(Error::undetermined(
             "needed neighbours in three directions for the curvature",
         ));

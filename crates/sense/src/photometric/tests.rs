@@ -1,3 +1,5 @@
+use std::f64::consts::TAU;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -8,8 +10,8 @@ const RADIUS: f64 = 28.0;
 
 fn lights(count: usize) -> Vec<[f64; 3]> {
     let light = |k: usize| {
-        let angle = 6.283_185_307_179_586 * k as f64 / count as f64;
-        let tilt = if k % 2 == 0 { 0.6 } else { 0.35 };
+        let angle = TAU * k as f64 / count as f64;
+        let tilt = if k.is_multiple_of(2) { 0.6 } else { 0.35 };
         [tilt * angle.cos(), tilt * angle.sin(), -(1.0 - tilt * tilt).sqrt()]
     };
     (0..count).map(light).collect()
@@ -23,7 +25,7 @@ fn true_normal(k: usize) -> Option<[f64; 3]> {
 
 fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
     let (a, b): (f64, f64) = (rng.random(), rng.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (6.283_185_307_179_586 * b).cos()
+    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
 }
 
 /// A ball of changing albedo with noise, and highlights where `gloss` is not 0.

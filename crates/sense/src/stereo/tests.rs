@@ -1,3 +1,5 @@
+use std::f64::consts::TAU;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -9,7 +11,7 @@ struct Texture(Vec<[f64; 4]>);
 impl Texture {
     fn new(rng: &mut ChaCha8Rng) -> Self {
         let wave = |_| {
-            let (angle, phase) = (rng.random::<f64>() * 6.28, rng.random::<f64>() * 6.28);
+            let (angle, phase) = (rng.random::<f64>() * TAU, rng.random::<f64>() * TAU);
             let k = 0.15 + 1.2 * rng.random::<f64>();
             [k * angle.cos(), k * angle.sin(), phase, 10.0]
         };
@@ -56,7 +58,7 @@ fn scene(seed: u64, sigma: f64) -> (Image, Image, Vec<f64>) {
     };
     let mut normal = || {
         let (a, b): (f64, f64) = (rng.random(), rng.random());
-        (-2.0 * (1.0 - a).ln()).sqrt() * (6.283_185_307_179_586 * b).cos()
+        (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
     };
     let mut image = |value: &dyn Fn(usize) -> f64| {
         let values = (0..COLUMNS * ROWS)

@@ -1,3 +1,5 @@
+use std::f64::consts::TAU;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -71,7 +73,7 @@ fn junction(pixel: [f64; 2]) -> Option<Junction> {
 
 fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
     let (a, b): (f64, f64) = (rng.random(), rng.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (6.283_185_307_179_586 * b).cos()
+    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
 }
 
 fn noisy(j: &Junction, sigma: &JunctionSigma, rng: &mut ChaCha8Rng) -> Junction {
