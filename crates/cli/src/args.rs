@@ -39,6 +39,8 @@ pub enum Command {
     Fit(FitArgs),
     /// Measure how far a model lies from a reference, and whether its σ tells the truth
     Compare(CompareArgs),
+    /// Turn raw data of a sensor into points that state their covariance
+    Sense(SenseArgs),
     /// Say what a file holds
     Info(InfoArgs),
     /// Say where to measure next, so that a model becomes better known
@@ -288,6 +290,132 @@ pub struct NextArgs {
     pub common: CommonArgs,
 }
 
+/// Arguments of `planish sense`.
+#[derive(Debug, Args)]
+pub struct SenseArgs {
+    /// What sort of sensor.
+    #[command(subcommand)]
+    pub kind: Sensed,
+}
+
+/// The sensors.
+#[derive(Debug, Subcommand)]
+pub enum Sensed {
+    /// Two rectified pictures, matched densely: points with covariance, or disparities with σ
+    Stereo(StereoArgs),
+    /// Pictures of one view under three lights or more, or a picture of normals: normals with σ
+    Photometric(PhotometricArgs),
+    /// A depth image: points with covariance
+    Depth(DepthArgs),
+}
+
+const STEREO_EXAMPLES: &str = "\
+Examples:
+  planish sense stereo left.png right.png --calib cameras.toml -o points.ply
+  planish sense stereo left.png right.png --disparities 0..127 -o disparity.tif
+
+Pictures are .png, .tif, .jpg, .tga, .pgm or .ppm, rectified: rows correspond, and x_right = x_left - d. The calibration is TOML: \
+f cx cy baseline (pixels, and the unit that it may name), and doffs and sigma_disparity_px where they are not 0. \
+A .tif or .npy holds the disparity of every pixel of the left picture and its σ, NaN where none is believed.";
+
+/// Arguments of `planish sense stereo`.
+#[derive(Debug, Args)]
+#[command(after_help = STEREO_EXAMPLES)]
+pub struct StereoArgs {
+    /// The left picture, whose pixels get points
+    #[arg(value_name = "LEFT", value_hint = ValueHint::FilePath)]
+    pub left: PathBuf,
+    /// The right picture
+    #[arg(value_name = "RIGHT", value_hint = ValueHint::FilePath)]
+    pub right: PathBuf,
+    /// Calibration of the two cameras; not needed for disparities alone
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath)]
+    pub calib: Option<PathBuf>,
+    /// Write points (.ply) or disparities with σ (.tif, .npy); may be given several times
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// Disparities that are looked for, in pixels; memory and time grow with them
+    #[arg(long, value_name = "FROM..TO", default_value = "0..127", value_parser = disparities, allow_hyphen_values = true,
+          help_heading = "Matching")]
+    pub disparities: [i32; 2],
+    /// P1: what a disparity that changes by one costs; a bit of the census that differs costs 2
+    #[arg(long, value_name = "COST", default_value_t = 45, help_heading = "Matching")]
+    pub p1: u16,
+    /// P2: what one that changes by more costs, where brightness does not change
+    #[arg(long, value_name = "COST", default_value_t = 300, help_heading = "Matching")]
+    pub p2: u16,
+    /// How many per cent more than the best the next match must cost
+    #[arg(long, value_name = "PERCENT", default_value_t = 3, help_heading = "Matching")]
+    pub uniqueness: u32,
+    /// The match from the right picture may differ by so many pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1, help_heading = "Matching")]
+    pub left_right: u32,
+    /// Regions of fewer pixels are left out
+    #[arg(long, value_name = "PIXELS", default_value_t = 100, help_heading = "Matching")]
+    pub speckle: u32,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const PHOTOMETRIC_EXAMPLES: &str = "\
+Examples:
+  planish sense photometric a.png b.png c.png d.png --calib lights.toml -o normals.ply
+  planish sense photometric normals.png --normal-map 3 -o normals.ply
+
+The calibration is TOML: `lights`, a direction towards each light in the order of the pictures (x right, y down, z away from the camera, or \
+frame = \"viewer\": y up, z towards it), or [ball] with images and mask of a mirror ball; and pixel_size, sigma_brightness, sigma_light_deg. \
+A point of the .ply says where its normal is; its z is 0 with a σ as large as the picture, because depth is not measured. \
+A .tif or .npy holds nx, ny, nz and σ in degrees.";
+
+/// Arguments of `planish sense photometric`.
+#[derive(Debug, Args)]
+#[command(after_help = PHOTOMETRIC_EXAMPLES)]
+pub struct PhotometricArgs {
+    /// One picture for each light, or a picture of normals
+    #[arg(required = true, value_name = "IMAGE", value_hint = ValueHint::FilePath)]
+    pub images: Vec<PathBuf>,
+    /// Calibration of the lights
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath)]
+    pub calib: Option<PathBuf>,
+    /// A picture that is white where the object is [default: all that is not dark]
+    #[arg(long, value_name = "IMAGE", requires = "calib", value_hint = ValueHint::FilePath)]
+    pub mask: Option<PathBuf>,
+    /// The picture's colours are normals, with this σ in degrees
+    #[arg(long, value_name = "SIGMA_DEG", conflicts_with = "calib", value_parser = positive, allow_negative_numbers = true)]
+    pub normal_map: Option<f64>,
+    /// Write normals at their pixels (.ply) or as an image (.tif, .npy); may be given several times
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const DEPTH_EXAMPLES: &str = "\
+Examples:
+  planish sense depth frame.png --calib camera.toml -o points.ply
+
+A depth image is .png of 16 bits, .tif or .npy; the calibration is TOML: fx fy cx cy scale, and sigma_a sigma_b for σ = a + b z².";
+
+/// Arguments of `planish sense depth`.
+#[derive(Debug, Args)]
+#[command(after_help = DEPTH_EXAMPLES)]
+pub struct DepthArgs {
+    /// The depth image
+    #[arg(value_name = "IMAGE", value_hint = ValueHint::FilePath)]
+    pub image: PathBuf,
+    /// Calibration of the camera [default: the image's name with .toml]
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath)]
+    pub calib: Option<PathBuf>,
+    /// Write points (.ply); may be given several times
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
 const INFO_EXAMPLES: &str = "\
 Examples:
   planish info examples/data/pebble/job.toml
@@ -485,6 +613,14 @@ fn grid(text: &str) -> Result<[usize; 2], String> {
     match parts[..] {
         [Some(u), Some(v)] => Ok([u, v]),
         _ => Err("needed cells along u and v, each from 1 to 16384, as in 61x61".to_owned()),
+    }
+}
+
+fn disparities(text: &str) -> Result<[i32; 2], String> {
+    let ends: Vec<Option<i32>> = text.split("..").map(|end| end.trim().parse().ok()).collect();
+    match ends[..] {
+        [Some(first), Some(last)] if first < last => Ok([first, last]),
+        _ => Err("needed the least and the greatest disparity, as in 0..127".to_owned()),
     }
 }
 

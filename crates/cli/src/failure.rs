@@ -46,6 +46,10 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
     match kind {
         ErrorKind::Undetermined => Some(match command {
             "fit" => "give more readings, or from more sides; check that the scans share one frame and unit".to_owned(),
+            _ if command.starts_with("sense") => {
+                "check the order of the pictures, the mask and the calibration; the picture may show too little"
+                    .to_owned()
+            }
             _ => "check that both files are of the same thing, in one frame and unit".to_owned(),
         }),
         ErrorKind::Unsupported => Some(format!("`planish {command} --help` says what this version can do")),

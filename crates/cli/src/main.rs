@@ -12,6 +12,7 @@ mod next;
 mod numbers;
 mod progress;
 mod report;
+mod sense;
 mod simulate;
 
 use args::{Cli, Command};
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
     let outcome = match cli.command {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Sense(args) => sense::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Next(args) => next::run(&args),
         Command::Simulate(args) => simulate::run(&args),

@@ -16,6 +16,10 @@ fn help_of_every_command() {
         ("fit", &["fit", "--help"]),
         ("compare", &["compare", "--help"]),
         ("info", &["info", "--help"]),
+        ("sense", &["sense", "--help"]),
+        ("sense_stereo", &["sense", "stereo", "--help"]),
+        ("sense_photometric", &["sense", "photometric", "--help"]),
+        ("sense_depth", &["sense", "depth", "--help"]),
         ("simulate", &["simulate", "--help"]),
         ("simulate_scene", &["simulate", "scene", "--help"]),
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
@@ -32,7 +36,15 @@ fn the_version_is_that_of_the_package() {
 #[test]
 fn examples_of_the_help_are_commands_that_parse() {
     // Files that do not exist are file trouble (3); what does not parse is wrong use (2).
-    for command in ["fit", "compare", "info", "simulate scene scans"] {
+    for command in [
+        "fit",
+        "compare",
+        "info",
+        "sense stereo",
+        "sense photometric",
+        "sense depth",
+        "simulate scene scans",
+    ] {
         let mut args: Vec<&str> = command.split(' ').collect();
         args.push("--help");
         let text = help(&args);

@@ -13,7 +13,15 @@
 //! sigma_b = 0.0019
 //! ```
 //!
+//! The tables of other sensors: [`read_stereo_calibration`], [`read_lights`].
+//!
 //! Not guaranteed: lenses are taken for undistorted.
+
+mod lights;
+mod stereo;
+
+pub use lights::{LightSource, LightsCalibration, read_lights};
+pub use stereo::{StereoCalibration, read_stereo_calibration};
 
 use std::path::Path;
 
@@ -62,16 +70,29 @@ pub fn read_calibration(path: &Path) -> Result<Calibration> {
         .map_err(|e| e.in_context(path.display()))
 }
 
-fn parse(text: &str) -> Result<Calibration> {
-    let table: Table = toml::from_str(text).map_err(|e| {
+/// A table, or an error with its line and what is `needed`.
+fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
+    toml::from_str(text).map_err(|e| {
         let line = e.span().map_or(1, |span| {
             1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count()
         });
-        Error::input(format!(
-            "line {line}: {}; a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit",
-            e.message().trim_end()
-        ))
-    })?;
+        Error::input(format!("line {line}: {}; {needed}", e.message().trim_end()))
+    })
+}
+
+/// Refuses the first number that is not finite or not what its key needs: key, value, whether it is good, what is needed.
+fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
+    match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
+        Some((key, value, _, needed)) => Err(Error::input(format!("needed {needed} for {key}, found {value}"))),
+        None => Ok(()),
+    }
+}
+
+fn parse(text: &str) -> Result<Calibration> {
+    let table: Table = table(
+        text,
+        "a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit",
+    )?;
     let numbers = [
         ("fx", Some(table.fx), table.fx > 0.0),
         ("fy", Some(table.fy), table.fy > 0.0),

@@ -9,7 +9,7 @@
 //! Not guaranteed: depth is along the camera's axis, not along the ray. A reading of 0, below it, or not finite is none: the cell is empty, and counts as a point
 //! that is not finite.
 
-mod tags;
+pub(crate) mod tags;
 
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -54,7 +54,10 @@ fn beside(path: &Path) -> PathBuf {
 }
 
 /// The calibration of an image: the one named, or the one beside it.
-pub(crate) fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
+///
+/// # Errors
+/// `Io` for a missing image; `Input` where there is neither.
+pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
@@ -140,7 +143,7 @@ fn read_image(path: &Path) -> Result<Image> {
 }
 
 /// Refuses an image that so many bytes cannot hold.
-fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
+pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
         Some(length) if pixels > length.saturating_mul(MOST_EXPANSION) => Err(Error::input(format!(
@@ -192,7 +195,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
 }
 
 /// Memory in proportion to the file: the decoder takes what the header asks for before it reads.
-fn tiff_limits(length: Option<u64>) -> Limits {
+pub(crate) fn tiff_limits(length: Option<u64>) -> Limits {
     let mut limits = Limits::default();
     if let Some(length) = length {
         let unpacked = usize::try_from(length.saturating_mul(MOST_EXPANSION)).unwrap_or(usize::MAX);

@@ -13,6 +13,8 @@
 //! | [`e57`] | E57 | several scans with poses in |
 //! | [`npy`] | NPY, NPZ | points and organised points in |
 //! | [`depth`] | PNG, TIFF, NPY | depth images in, with the [`calibration`] of their camera |
+//! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
+//! | [`raster`] | TIFF, NPY | numbers of every pixel out |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
@@ -34,7 +36,9 @@ pub mod model;
 pub mod npy;
 pub mod obj;
 pub mod pcd;
+pub mod picture;
 pub mod ply;
+pub mod raster;
 pub mod step;
 pub mod stl;
 pub mod vrip;

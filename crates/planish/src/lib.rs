@@ -16,10 +16,13 @@ pub mod output;
 mod point_sigmas;
 pub mod progress;
 pub mod saved;
+pub mod sense;
 pub mod simulate;
 #[cfg(test)]
 mod test_support;
 
 pub use planish_estimate::{Error, ErrorKind, Result};
 pub use planish_exchange::Unit;
+/// Settings of the sensors' front ends.
+pub use planish_sense::StereoOptions;
 pub use planish_spline::Shape;

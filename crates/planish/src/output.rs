@@ -140,7 +140,7 @@ pub struct OutputOptions {
 }
 
 /// A path for programs; what is no text in it is replaced, as in every message.
-fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+pub(crate) fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }
 

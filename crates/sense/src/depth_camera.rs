@@ -46,12 +46,16 @@ impl DepthCamera {
         let [a, b] = self.sigma?;
         let along = (a + b * z * z).powi(2);
         let across = z * z / (self.focal[0] * self.focal[1]).abs() / 12.0;
-        let d = self.ray(u, v);
-        let square = d.iter().map(|c| c * c).sum::<f64>();
-        let extra = along - across / square;
-        let entry = |i: usize, j: usize| extra * d[i] * d[j] + if i == j { across } else { 0.0 };
-        Some(upper_triangle(entry))
+        Some(ray_covariance(self.ray(u, v), along, across))
     }
+}
+
+/// The covariance `[xx, xy, xz, yy, yz, zz]` of a point on the ray `d`, of length 1 along the axis, whose depth has the variance `along`: `along d dᵀ`, and `across` in
+/// each direction across it.
+pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> [f64; 6] {
+    let square = d.iter().map(|c| c * c).sum::<f64>();
+    let extra = along - across / square;
+    upper_triangle(|i, j| extra * d[i] * d[j] + if i == j { across } else { 0.0 })
 }
 
 #[cfg(test)]

@@ -2,17 +2,26 @@
 
 mod depth_camera;
 mod ground;
+mod image;
 mod normals;
+mod photometric;
 mod pose;
 mod scan;
 mod sensor;
+mod stereo;
+mod stereo_camera;
+pub mod stripes;
 
 pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};
+pub use image::Image;
 pub use normals::{
     CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
     scan_geometry,
 };
+pub use photometric::{NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals};
 pub use pose::Pose;
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
+pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
+pub use stereo_camera::StereoCamera;

@@ -13,7 +13,7 @@ use planish_estimate::{Error, Result};
 use crate::numbers::NumberType;
 
 /// Refuses tags of more values than the file has bytes: the decoder takes memory for them before it reads.
-pub(super) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
+pub(crate) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     let failed = |e: io::Error| Error::io("could not be read").with_source(e);
     let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
     file.rewind().map_err(failed)?;

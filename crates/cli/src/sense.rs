@@ -1,0 +1,152 @@
+//! `planish sense`.
+
+use crate::args::{DepthArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
+use crate::numbers::{count, percent, significant};
+use crate::report::{self, Lines, Summary};
+use planish::progress::Progress;
+use planish::sense::{SenseJob, SenseKind, SenseReport, SigmaSummary, sense};
+use planish::{Error, Result, StereoOptions, Unit};
+use serde::Serialize;
+
+/// The keys of `sense` beside the common ones.
+#[derive(Serialize)]
+struct Body {
+    #[serde(flatten)]
+    report: SenseReport,
+    termination: &'static str,
+}
+
+/// Runs the command; returns the exit code.
+pub fn run(args: &SenseArgs) -> u8 {
+    let (name, common) = match &args.kind {
+        Sensed::Stereo(args) => ("sense stereo", &args.common),
+        Sensed::Photometric(args) => ("sense photometric", &args.common),
+        Sensed::Depth(args) => ("sense depth", &args.common),
+    };
+    report::run(name, common, |progress| work(args, progress))
+}
+
+fn work(args: &SenseArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let (kind, output, common) = match &args.kind {
+        Sensed::Stereo(args) => (stereo(args)?, &args.output, &args.common),
+        Sensed::Photometric(args) => (photometric(args)?, &args.output, &args.common),
+        Sensed::Depth(args) => (depth(args), &args.output, &args.common),
+    };
+    let job = SenseJob {
+        kind,
+        outputs: output.clone(),
+        unit: common.unit.map(Unit::from),
+    };
+    let done = sense(&job, progress)?;
+    Ok(Summary {
+        text: text(&done),
+        unit: done.unit,
+        inputs: done.inputs.clone(),
+        outputs: done.written.iter().map(|w| w.file.clone()).collect(),
+        warnings: done.warnings.clone(),
+        body: Body {
+            report: done,
+            termination: "converged",
+        },
+    })
+}
+
+fn stereo(args: &StereoArgs) -> Result<SenseKind> {
+    let [first, last] = args.disparities;
+    let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
+    let disparities =
+        disparities.map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
+    Ok(SenseKind::Stereo {
+        left: args.left.clone(),
+        right: args.right.clone(),
+        calibration: args.calib.clone(),
+        options: StereoOptions {
+            least_disparity: first,
+            disparities,
+            small_step: args.p1,
+            large_step: args.p2,
+            uniqueness: args.uniqueness,
+            left_right: args.left_right,
+            speckle: args.speckle,
+        },
+    })
+}
+
+fn photometric(args: &PhotometricArgs) -> Result<SenseKind> {
+    match (&args.calib, args.normal_map, &args.images[..]) {
+        (Some(calibration), None, images) => Ok(SenseKind::Photometric {
+            images: images.to_vec(),
+            mask: args.mask.clone(),
+            calibration: calibration.clone(),
+        }),
+        (None, Some(sigma_deg), [image]) => Ok(SenseKind::NormalMap {
+            image: image.clone(),
+            sigma_deg,
+        }),
+        (None, Some(_), images) => Err(Error::input(format!(
+            "needed one picture of normals with --normal-map, found {}",
+            images.len()
+        ))),
+        _ => Err(Error::input(
+            "needed --calib with the lights, or --normal-map with the σ of a picture of normals",
+        )),
+    }
+}
+
+fn depth(args: &DepthArgs) -> SenseKind {
+    SenseKind::Depth {
+        image: args.image.clone(),
+        calibration: args.calib.clone(),
+    }
+}
+
+fn text(done: &SenseReport) -> String {
+    let mut lines = Lines::default();
+    let share = percent(done.observations as f64 / done.pixels.max(1) as f64);
+    let what = if done.kind == "photometric" {
+        "normals"
+    } else {
+        "points"
+    };
+    lines.line(format!(
+        "Sensed {} {what} of {} pixels ({share}).",
+        count(done.observations),
+        count(done.pixels)
+    ));
+    lines.gap();
+    let sigma = |s: &Option<SigmaSummary>, unit: &str| {
+        s.map_or(String::new(), |s| {
+            format!(
+                "{} {unit} median, {} p95, {} max",
+                significant(s.median, 3),
+                significant(s.p95, 3),
+                significant(s.max, 3)
+            )
+        })
+    };
+    let unit = done.unit.map_or("", Unit::name);
+    let rejected: Vec<String> = done
+        .rejected
+        .iter()
+        .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
+        .collect();
+    lines.facts([
+        ("left out", rejected.join(", ")),
+        ("σ of disparity", sigma(&done.sigma_px, "px")),
+        ("σ along rays", sigma(&done.sigma, unit)),
+        ("σ of normals", sigma(&done.sigma_n_deg, "°")),
+        ("light from everywhere", done.ambient.map_or(String::new(), percent)),
+        (
+            "σ of brightness",
+            done.sigma_brightness.map_or(String::new(), |s| significant(s, 3)),
+        ),
+    ]);
+    for file in &done.written {
+        let held = match file.points {
+            Some(points) => format!("{} points", count(points)),
+            None => file.bands.join(", "),
+        };
+        lines.line(format!("Wrote {} ({held}).", file.file.display()));
+    }
+    lines.into_text()
+}

@@ -1,0 +1,386 @@
+//! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in.
+//!
+//! Comes in: a picture of one channel or of colours, 8 or 16 bits (TIFF also of floating point). Goes out: a [`Picture`] with one or three channels, or the
+//! brightness alone as an [`Image`]. An opacity is not looked at.
+//!
+//! Not guaranteed: linear brightness. Cameras and programs bend it (gamma); values are those of the file.
+//!
+//! # References
+//! - ITU-R BT.601, for the brightness of colours: 0.299 R + 0.587 G + 0.114 B.
+//! - Truevision, *TGA file format specification 2.0*, 1991: types 2, 3, 10 and 11.
+//! - Poskanzer, *Netpbm*: P2, P3, P5 and P6.
+
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+use planish_estimate::{Error, Result};
+use planish_sense::Image;
+use tiff::decoder::{Decoder as TiffDecoder, DecodingResult};
+use tiff::{ColorType as TiffColor, TiffError};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+use crate::depth::{check_promise, tags, tiff_limits};
+use crate::foreign::guarded;
+use crate::source::{extension, open_file};
+
+/// Pictures of more pixels along a side are refused.
+const LONGEST_SIDE: usize = 1 << 16;
+
+/// What a camera or a program drew.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels in a row.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// 1 (brightness) or 3 (red, green, blue).
+    pub channels: usize,
+    /// Values, pixel by pixel and row by row from the top, as they stand in the file.
+    pub values: Vec<f32>,
+    /// The value of white: 255 or 65535; 1 for floating point.
+    pub white: f32,
+}
+
+impl Picture {
+    /// The brightness of every pixel.
+    ///
+    /// # Errors
+    /// As [`Image::try_new`].
+    pub fn brightness(&self) -> Result<Image> {
+        let values = match self.channels {
+            3 => {
+                let pixels = self.values.chunks_exact(3);
+                pixels.map(|p| 0.299 * p[0] + 0.587 * p[1] + 0.114 * p[2]).collect()
+            }
+            _ => self.values.clone(),
+        };
+        Image::try_new(self.columns, self.rows, values)
+    }
+}
+
+/// Reads the brightness of a picture.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_brightness(path: &Path) -> Result<Image> {
+    read_picture(path)?
+        .brightness()
+        .map_err(|e| e.in_context(path.display()))
+}
+
+/// Reads a picture; the format is told by the extension.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input) when it is
+/// malformed or cut off; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each names the file.
+pub fn read_picture(path: &Path) -> Result<Picture> {
+    let read = || {
+        let (mut file, length) = open_file(path)?;
+        let mut bytes = || {
+            let mut all = Vec::new();
+            file.read_to_end(&mut all)
+                .map_err(|e| Error::io("could not be read").with_source(e))?;
+            Ok::<_, Error>(all)
+        };
+        let picture = match extension(path).as_str() {
+            "png" => png(Cursor::new(bytes()?), length)?,
+            "tif" | "tiff" => tiff(&bytes()?, length)?,
+            "jpg" | "jpeg" => jpeg(&bytes()?)?,
+            "tga" => tga(&bytes()?)?,
+            "pgm" | "ppm" | "pnm" => netpbm(&bytes()?)?,
+            other => {
+                return Err(Error::unsupported(format!(
+                    "needed a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
+                )));
+            }
+        };
+        match picture.values.len() == picture.columns * picture.rows * picture.channels && !picture.values.is_empty() {
+            true => Ok(picture),
+            false => Err(Error::input(format!(
+                "needed {} × {} pixels, found {} values: the file is damaged or cut off",
+                picture.columns,
+                picture.rows,
+                picture.values.len()
+            ))),
+        }
+    };
+    read().map_err(|e: Error| e.in_context(path.display()))
+}
+
+/// Keeps one or three of the samples of each pixel: opacity stands behind them.
+fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white: f32) -> Picture {
+    let channels = if samples < 3 { 1 } else { 3 };
+    let values = match samples == channels {
+        true => values,
+        false => values
+            .chunks_exact(samples)
+            .flat_map(|p| p[..channels].iter().copied())
+            .collect(),
+    };
+    Picture {
+        columns,
+        rows,
+        channels,
+        values,
+        white,
+    }
+}
+
+fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Result<Picture> {
+    let damaged = |e: png::DecodingError| Error::input("is no PNG image, or is damaged or cut off").with_source(e);
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(damaged)?;
+    let (columns, rows) = (reader.info().width, reader.info().height);
+    check_promise(columns, rows, length)?;
+    if reader.info().interlaced {
+        return Err(Error::unsupported("is interlaced: write it without"));
+    }
+    let (colour, depth) = reader.output_color_type();
+    let mut values = Vec::new();
+    while let Some(row) = reader.next_row().map_err(damaged)? {
+        match depth {
+            png::BitDepth::Sixteen => {
+                values.extend(
+                    row.data()
+                        .chunks_exact(2)
+                        .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))),
+                );
+            }
+            _ => values.extend(row.data().iter().map(|&b| f32::from(b))),
+        }
+    }
+    let white = if depth == png::BitDepth::Sixteen {
+        65535.0
+    } else {
+        255.0
+    };
+    Ok(channels(
+        columns as usize,
+        rows as usize,
+        colour.samples(),
+        values,
+        white,
+    ))
+}
+
+fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
+    let damaged = |e: TiffError| match e {
+        TiffError::UnsupportedError(_) => Error::unsupported("a TIFF image of a kind that is not read").with_source(e),
+        e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
+    };
+    let mut file = Cursor::new(bytes);
+    tags::check(&mut file)?;
+    let mut decoder = TiffDecoder::new(BufReader::new(file))
+        .map_err(damaged)?
+        .with_limits(tiff_limits(length));
+    let (columns, rows) = decoder.dimensions().map_err(damaged)?;
+    check_promise(columns, rows, length)?;
+    let samples = match decoder.colortype().map_err(damaged)? {
+        TiffColor::Gray(_) => 1,
+        TiffColor::GrayA(_) => 2,
+        TiffColor::RGB(_) => 3,
+        TiffColor::RGBA(_) => 4,
+        TiffColor::Multiband { num_samples, .. } if num_samples > 0 => usize::from(num_samples),
+        other => {
+            return Err(Error::unsupported(format!(
+                "needed brightness or colours, found {other:?}"
+            )));
+        }
+    };
+    let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
+        DecodingResult::U8(v) => (v.into_iter().map(f32::from).collect(), 255.0),
+        DecodingResult::U16(v) => (v.into_iter().map(f32::from).collect(), 65535.0),
+        DecodingResult::F32(v) => (v, 1.0),
+        DecodingResult::F64(v) => (v.into_iter().map(|v| v as f32).collect(), 1.0),
+        _ => return Err(Error::unsupported("needed values of 8 or 16 bits, or floating point")),
+    };
+    Ok(channels(columns as usize, rows as usize, samples, values, white))
+}
+
+fn jpeg(bytes: &[u8]) -> Result<Picture> {
+    guarded(|| {
+        let damaged = |e| Error::input(format!("is no JPEG image, or is damaged or cut off ({e:?})"));
+        let options = DecoderOptions::default()
+            .set_strict_mode(true)
+            .set_max_width(LONGEST_SIDE)
+            .set_max_height(LONGEST_SIDE);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+        decoder.decode_headers().map_err(damaged)?;
+        let (columns, rows) = decoder.dimensions().unwrap_or_default();
+        check_promise(columns as u32, rows as u32, Some(bytes.len() as u64))?;
+        let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+        let wanted = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
+        decoder.set_options(options.jpeg_set_out_colorspace(wanted));
+        let values = decoder.decode().map_err(damaged)?.into_iter().map(f32::from).collect();
+        Ok(channels(columns, rows, if grey { 1 } else { 3 }, values, 255.0))
+    })?
+}
+
+fn tga(bytes: &[u8]) -> Result<Picture> {
+    let damaged = || Error::input("is no TGA image, or is cut off");
+    let head = bytes.get(..18).ok_or_else(damaged)?;
+    let (kind, bits) = (head[2], head[16]);
+    let side = |k: usize| usize::from(u16::from_le_bytes([head[k], head[k + 1]]));
+    let (columns, rows) = (side(12), side(14));
+    let samples = usize::from(bits / 8);
+    let grey = matches!(kind, 3 | 11);
+    if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
+        return Err(Error::unsupported(format!(
+            "needed a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of {bits} bits"
+        )));
+    }
+    let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
+    let size = columns * rows * samples;
+    // A packet of two bytes or more stands for 128 pixels at most.
+    if columns * rows > body.len().saturating_mul(128) {
+        return Err(damaged());
+    }
+    let mut unpacked = Vec::with_capacity(size);
+    if kind < 9 {
+        unpacked.extend_from_slice(body.get(..size).ok_or_else(damaged)?);
+    }
+    while unpacked.len() < size {
+        let (&head, rest) = body.split_first().ok_or_else(damaged)?;
+        let count = usize::from(head & 0x7f) + 1;
+        let stored = if head & 0x80 == 0 { count } else { 1 };
+        let pixels = rest.get(..stored * samples).ok_or_else(damaged)?;
+        (0..count / stored).for_each(|_| unpacked.extend_from_slice(pixels));
+        body = &rest[stored * samples..];
+    }
+    unpacked.truncate(size);
+    // Blue comes first; rows run upwards unless bit 5 says otherwise, and backwards if bit 4 does.
+    let (downwards, backwards) = (head[17] & 0x20 != 0, head[17] & 0x10 != 0);
+    let mut values = Vec::with_capacity(size);
+    for y in 0..rows {
+        let y = if downwards { y } else { rows - 1 - y };
+        for x in 0..columns {
+            let x = if backwards { columns - 1 - x } else { x };
+            let pixel = &unpacked[(y * columns + x) * samples..][..samples];
+            match grey {
+                true => values.push(f32::from(pixel[0])),
+                false => values.extend([pixel[2], pixel[1], pixel[0]].map(f32::from)),
+            }
+        }
+    }
+    Ok(channels(columns, rows, if grey { 1 } else { 3 }, values, 255.0))
+}
+
+fn netpbm(bytes: &[u8]) -> Result<Picture> {
+    let damaged = || Error::input("is no PGM or PPM image (P2, P3, P5 or P6), or is cut off");
+    let mut at = 0;
+    let mut word = || -> Result<&[u8]> {
+        loop {
+            match bytes.get(at).ok_or_else(damaged)? {
+                b'#' => at += bytes[at..].iter().take_while(|b| **b != b'\n').count(),
+                b if b.is_ascii_whitespace() => at += 1,
+                _ => break,
+            }
+        }
+        let length = bytes[at..].iter().take_while(|b| !b.is_ascii_whitespace()).count();
+        at += length;
+        Ok(&bytes[at - length..at])
+    };
+    let kind = word()?.to_vec();
+    let mut number = || -> Result<usize> {
+        let text = std::str::from_utf8(word()?).map_err(|_| damaged())?;
+        text.parse().map_err(|_| damaged())
+    };
+    let samples = match &kind[..] {
+        b"P2" | b"P5" => 1,
+        b"P3" | b"P6" => 3,
+        _ => return Err(damaged()),
+    };
+    let (columns, rows, white) = (number()?, number()?, number()?);
+    let size = columns
+        .checked_mul(rows)
+        .and_then(|n| n.checked_mul(samples))
+        .filter(|n| *n <= bytes.len());
+    let size = size.ok_or_else(damaged)?;
+    if !(1..=65535).contains(&white) {
+        return Err(Error::input(format!(
+            "needed a greatest value from 1 to 65535, found {white}"
+        )));
+    }
+    let values = match kind[1] {
+        b'2' | b'3' => (0..size).map(|_| Ok(number()? as f32)).collect::<Result<_>>()?,
+        _ => {
+            let body = bytes.get(at + 1..).ok_or_else(damaged)?;
+            let width = if white > 255 { 2 } else { 1 };
+            let body = body.get(..size * width).ok_or_else(damaged)?;
+            let value = |b: &[u8]| b.iter().fold(0_u16, |v, b| (v << 8) | u16::from(*b));
+            body.chunks_exact(width).map(|b| f32::from(value(b))).collect()
+        }
+    };
+    Ok(channels(columns, rows, samples, values, white as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn tga_bytes(kind: u8, body: &[u8], descriptor: u8) -> Vec<u8> {
+        let mut bytes = vec![0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3, 0, 2, 0, 24, descriptor];
+        bytes.extend_from_slice(body);
+        bytes
+    }
+
+    #[test]
+    fn every_format_gives_the_same_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let rgb: Vec<u8> = (0..18).map(|k| 10 * k).collect();
+        fs::write(at("a.ppm"), [b"P6 # a comment\n3 2\n255\n".as_slice(), &rgb].concat()).unwrap();
+        let text: String = rgb.iter().map(|v| format!("{v} ")).collect();
+        fs::write(at("b.ppm"), format!("P3 3 2 255 {text}")).unwrap();
+        let mut png = Vec::new();
+        let mut encoder = png::Encoder::new(&mut png, 3, 2);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.write_header().unwrap().write_image_data(&rgb).unwrap();
+        fs::write(at("c.png"), &png).unwrap();
+        let mut file = Cursor::new(Vec::new());
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
+        encoder
+            .write_image::<tiff::encoder::colortype::RGB8>(3, 2, &rgb)
+            .unwrap();
+        fs::write(at("d.tif"), file.into_inner()).unwrap();
+        let bgr = |row: &[u8]| row.chunks(3).flat_map(|p| [p[2], p[1], p[0]]).collect::<Vec<u8>>();
+        let upwards = [bgr(&rgb[9..]), bgr(&rgb[..9])].concat();
+        fs::write(at("e.tga"), tga_bytes(2, &upwards, 0)).unwrap();
+        let packed = [vec![2], bgr(&rgb[..9]), vec![2], bgr(&rgb[9..])].concat();
+        fs::write(at("f.tga"), tga_bytes(10, &packed, 0x20)).unwrap();
+        let first = read_picture(&at("a.ppm")).unwrap();
+        assert_eq!((first.columns, first.rows, first.channels), (3, 2, 3));
+        assert_eq!(first.values[..3], [0.0, 10.0, 20.0]);
+        for name in ["b.ppm", "c.png", "d.tif", "e.tga", "f.tga"] {
+            assert_eq!(read_picture(&at(name)).unwrap(), first, "{name}");
+        }
+        assert!((read_brightness(&at("a.ppm")).unwrap().values[0] - 8.15).abs() < 1e-4);
+        // A repeated pixel.
+        fs::write(at("g.tga"), tga_bytes(10, &[0x85, 1, 2, 3], 0x20)).unwrap();
+        assert_eq!(read_picture(&at("g.tga")).unwrap().values, [3.0, 2.0, 1.0].repeat(6));
+    }
+
+    #[test]
+    fn damaged_pictures_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes, words) in [
+            ("a.tga", tga_bytes(10, &[0x85, 1], 0), "cut off"),
+            ("b.tga", tga_bytes(1, &[0; 40], 0), "found type 1"),
+            ("c.pgm", b"P5 99999999 99999999 255 a".to_vec(), "cut off"),
+            ("d.pgm", b"P7 1 1 255 a".to_vec(), "no PGM"),
+            ("e.jpg", b"\xff\xd8\xff\xe0 nothing".to_vec(), "JPEG"),
+            ("f.png", b"nothing".to_vec(), "no PNG"),
+            ("g.bmp", b"BM".to_vec(), "extension `bmp`"),
+        ] {
+            let path = folder.path().join(name);
+            fs::write(&path, bytes).unwrap();
+            let e = read_picture(&path).unwrap_err().to_string();
+            assert!(e.contains(name) && e.contains(words), "{e}");
+        }
+    }
+}

@@ -1,0 +1,517 @@
+//! The job `planish sense`: raw data of a sensor in, points that state their covariance out.
+//!
+//! Comes in: a [`SenseJob`]. Goes out: the files that it names and a [`SenseReport`]. Outputs are checked before anything is read, and written when everything
+//! else has succeeded.
+//!
+//! | kind | comes in | goes out beside points (`.ply`) |
+//! |---|---|---|
+//! | stereo | two rectified pictures | disparities and their σ (`.tif`, `.npy`) |
+//! | photometric | pictures under known lights, or a picture of normals | normals and their σ (`.tif`, `.npy`) |
+//! | depth | a depth image | |
+//!
+//! Not guaranteed: an undistorted lens; pictures are taken to be so.
+
+use crate::output::{as_text, refuse_input_as_output};
+use crate::progress::{Part, Progress, WRITING_STAGE};
+use planish_estimate::{Error, Result};
+use planish_exchange::calibration::{LightSource, read_lights, read_stereo_calibration};
+use planish_exchange::depth::{calibration_of, read_depth};
+use planish_exchange::picture::{read_brightness, read_picture};
+use planish_exchange::ply::write_scan;
+use planish_exchange::raster::write_raster;
+use planish_exchange::{Unit, check_writable, extension, real_path};
+use planish_sense::{
+    Image, PhotometricOptions, Scan, StereoOptions, StereoRejected, lights_from_ball, match_stereo,
+    normals_from_colours, photometric_normals,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What is to be sensed, from which files.
+#[derive(Debug, Clone)]
+pub enum SenseKind {
+    /// Two rectified pictures.
+    Stereo {
+        /// The left one, whose pixels get points.
+        left: PathBuf,
+        /// The right one.
+        right: PathBuf,
+        /// The two cameras; none where only disparities are wanted.
+        calibration: Option<PathBuf>,
+        /// How they are matched.
+        options: StereoOptions,
+    },
+    /// Pictures of one view under several lights.
+    Photometric {
+        /// One for each light, in the calibration's order.
+        images: Vec<PathBuf>,
+        /// White where the object is; none where all that is not dark is.
+        mask: Option<PathBuf>,
+        /// The lights.
+        calibration: PathBuf,
+    },
+    /// A picture whose colours are normals.
+    NormalMap {
+        /// The picture.
+        image: PathBuf,
+        /// σ of its normals, in degrees: no picture states it.
+        sigma_deg: f64,
+    },
+    /// A depth image.
+    Depth {
+        /// The image.
+        image: PathBuf,
+        /// Its camera; a file of the image's name with the extension `.toml` where none is given.
+        calibration: Option<PathBuf>,
+    },
+}
+
+impl SenseKind {
+    /// Its name on the command line.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Stereo { .. } => "stereo",
+            Self::Photometric { .. } | Self::NormalMap { .. } => "photometric",
+            Self::Depth { .. } => "depth",
+        }
+    }
+
+    /// The files that it names.
+    fn inputs(&self) -> Vec<PathBuf> {
+        match self {
+            Self::Stereo {
+                left,
+                right,
+                calibration,
+                ..
+            } => [left, right].into_iter().chain(calibration).cloned().collect(),
+            Self::Photometric {
+                images,
+                mask,
+                calibration,
+            } => images.iter().chain(mask).chain([calibration]).cloned().collect(),
+            Self::NormalMap { image, .. } => vec![image.clone()],
+            Self::Depth { image, calibration } => [image].into_iter().chain(calibration).cloned().collect(),
+        }
+    }
+}
+
+/// What to sense, and what to write of it.
+#[derive(Debug, Clone)]
+pub struct SenseJob {
+    /// The sensor and its files.
+    pub kind: SenseKind,
+    /// Files to write: points as `.ply`, images of numbers as `.tif`, `.tiff` or `.npy`.
+    pub outputs: Vec<PathBuf>,
+    /// The unit of calibrations that name none.
+    pub unit: Option<Unit>,
+}
+
+/// A file that was written, and what went into it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SensedFile {
+    /// Its path as the user gave it.
+    #[serde(serialize_with = "as_text")]
+    pub file: PathBuf,
+    /// Points, of a scan.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<usize>,
+    /// What the bands of an image are.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bands: Vec<&'static str>,
+}
+
+/// σ over all points.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SigmaSummary {
+    /// The median.
+    pub median: f64,
+    /// Nineteen of twenty are no larger.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// The figures of a job.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SenseReport {
+    /// What was sensed.
+    pub kind: &'static str,
+    /// Pixels of an image.
+    pub pixels: usize,
+    /// Pixels with a result.
+    pub observations: usize,
+    /// Pixels without, by cause.
+    pub rejected: BTreeMap<&'static str, usize>,
+    /// σ of the disparities, in pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_px: Option<SigmaSummary>,
+    /// σ of the points along their rays, in the unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<SigmaSummary>,
+    /// σ of the normals, in degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_n_deg: Option<SigmaSummary>,
+    /// Share of light from everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ambient: Option<f64>,
+    /// σ of the brightness, in the images' scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_brightness: Option<f64>,
+    /// Unit of every length.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// What was read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// What was written.
+    pub written: Vec<SensedFile>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Columns, rows, and the bands by their names.
+type Raster = (usize, usize, Vec<(&'static str, Vec<f32>)>);
+
+/// What was sensed, before it is written.
+#[derive(Default)]
+struct Sensed {
+    scan: Option<Scan>,
+    raster: Option<Raster>,
+    pixels: usize,
+    observations: usize,
+    rejected: BTreeMap<&'static str, usize>,
+    sigma_px: Option<SigmaSummary>,
+    sigma_n_deg: Option<SigmaSummary>,
+    ambient: Option<f64>,
+    sigma_brightness: Option<f64>,
+    unit: Option<Unit>,
+    /// Files that a calibration named.
+    more_inputs: Vec<PathBuf>,
+}
+
+/// Reads, senses and writes.
+///
+/// # Errors
+/// What the readers, the sensors and the writers report; `Input` also for outputs that are inputs, and points that are asked for without a calibration; `Unsupported` for an
+/// extension that the kind does not write. Nothing is written unless everything else succeeds.
+///
+/// # Examples
+/// ```no_run
+/// use planish::progress::Silent;
+/// use planish::sense::{SenseJob, SenseKind, sense};
+/// let job = SenseJob {
+///     kind: SenseKind::Depth { image: "frame.png".into(), calibration: Some("camera.toml".into()) },
+///     outputs: vec!["points.ply".into()],
+///     unit: None,
+/// };
+/// println!("{} points", sense(&job, &Silent)?.observations);
+/// # Ok::<(), planish::Error>(())
+/// ```
+pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
+    check_outputs(job)?;
+    progress.check("reading", 0.0)?;
+    let working = Part::new(progress, 0.05, 0.9);
+    let mut sensed = match &job.kind {
+        SenseKind::Stereo {
+            left,
+            right,
+            calibration,
+            options,
+        } => stereo(left, right, calibration.as_deref(), options, &working)?,
+        SenseKind::Photometric {
+            images,
+            mask,
+            calibration,
+        } => photometric(images, mask.as_deref(), calibration, &working)?,
+        SenseKind::NormalMap { image, sigma_deg } => normal_map(image, *sigma_deg)?,
+        SenseKind::Depth { image, calibration } => depth(image, calibration.as_deref())?,
+    };
+    let mut inputs = job.kind.inputs();
+    inputs.append(&mut sensed.more_inputs);
+    for output in &job.outputs {
+        refuse_input_as_output(output, &inputs)?;
+    }
+    let unit = sensed.unit.or(job.unit);
+    let mut warnings = Vec::new();
+    if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
+        warnings
+            .push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
+    }
+    progress.check(WRITING_STAGE, 0.95)?;
+    let written = job
+        .outputs
+        .iter()
+        .map(|path| write(path, &sensed, unit))
+        .collect::<Result<_>>()?;
+    progress.advance("done", 1.0);
+    Ok(SenseReport {
+        kind: job.kind.name(),
+        pixels: sensed.pixels,
+        observations: sensed.observations,
+        rejected: sensed.rejected,
+        sigma_px: sensed.sigma_px,
+        sigma: match &job.kind {
+            // Depth is not measured there.
+            SenseKind::Photometric { .. } | SenseKind::NormalMap { .. } => None,
+            _ => sensed.scan.as_ref().and_then(along_rays),
+        },
+        sigma_n_deg: sensed.sigma_n_deg,
+        ambient: sensed.ambient,
+        sigma_brightness: sensed.sigma_brightness,
+        unit,
+        inputs,
+        written,
+        warnings,
+    })
+}
+
+fn stereo(
+    left: &Path,
+    right: &Path,
+    calibration: Option<&Path>,
+    options: &StereoOptions,
+    progress: &dyn Progress,
+) -> Result<Sensed> {
+    let calibration = calibration.map(read_stereo_calibration).transpose()?;
+    let images = [read_brightness(left)?, read_brightness(right)?];
+    let blame = || format!("{}, {}", left.display(), right.display());
+    let map = match_stereo(&images[0], &images[1], options, &mut |share| {
+        progress.check("matching", share)
+    })
+    .map_err(|e| in_context(e, blame()))?;
+    let scan = calibration.map(|c| c.camera.scan(&map, "stereo")).transpose();
+    let scan = scan.map_err(|e| e.in_context(blame()))?;
+    let known: Vec<f64> = map
+        .sigma
+        .iter()
+        .filter(|s| s.is_finite())
+        .map(|s| f64::from(*s))
+        .collect();
+    if known.is_empty() {
+        return Err(Error::undetermined(format!(
+            "{}: no disparity is to be believed: are the pictures rectified, left before right, and the range of disparities wide enough?",
+            blame()
+        )));
+    }
+    let StereoRejected {
+        ambiguous,
+        left_right,
+        speckle,
+        range,
+    } = map.rejected;
+    let causes = [
+        ("ambiguous", ambiguous),
+        ("left_right", left_right),
+        ("speckle", speckle),
+        ("range", range),
+    ];
+    Ok(Sensed {
+        pixels: map.disparity.len(),
+        observations: known.len(),
+        rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
+        sigma_px: summary(known),
+        raster: Some((
+            map.columns,
+            map.rows,
+            vec![("disparity", map.disparity), ("sigma", map.sigma)],
+        )),
+        unit: calibration.and_then(|c| c.unit),
+        scan,
+        ..Sensed::default()
+    })
+}
+
+/// An interruption is nobody's file.
+fn in_context(e: Error, context: String) -> Error {
+    match e.kind() {
+        planish_estimate::ErrorKind::Interrupted => e,
+        _ => e.in_context(context),
+    }
+}
+
+fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, progress: &dyn Progress) -> Result<Sensed> {
+    let known = read_lights(calibration)?;
+    let read = |paths: &[PathBuf]| paths.iter().map(|p| read_brightness(p)).collect::<Result<Vec<Image>>>();
+    let pictures = read(images)?;
+    let mask = mask.map(read_brightness).transpose()?;
+    progress.check("lights", 0.1)?;
+    let blame = |e: Error| e.in_context(calibration.display());
+    let mut more_inputs = Vec::new();
+    let lights = match &known.source {
+        LightSource::Directions(lights) => lights.clone(),
+        LightSource::Ball { images, mask } => {
+            more_inputs.extend(images.iter().chain([mask]).cloned());
+            lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(blame)?
+        }
+    };
+    let options = PhotometricOptions {
+        sigma_brightness: known.sigma_brightness,
+        sigma_light_deg: known.sigma_light_deg,
+        ..PhotometricOptions::default()
+    };
+    progress.check("normals", 0.2)?;
+    let map = photometric_normals(&pictures, &lights, mask.as_ref(), &options).map_err(blame)?;
+    let mut sensed = of_normals(&map, known.pixel_size)?;
+    sensed.ambient = Some(map.ambient);
+    sensed.sigma_brightness = Some(map.sigma_brightness);
+    sensed.unit = known.unit;
+    sensed.more_inputs = more_inputs;
+    Ok(sensed)
+}
+
+fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
+    if !(sigma_deg.is_finite() && sigma_deg > 0.0) {
+        return Err(Error::input(format!(
+            "needed a σ of the normals > 0, in degrees, found {sigma_deg}"
+        )));
+    }
+    let picture = read_picture(image)?;
+    let map = normals_from_colours(picture.columns, picture.rows, &picture.values, picture.white, sigma_deg);
+    map.and_then(|map| of_normals(&map, 1.0))
+        .map_err(|e| e.in_context(image.display()))
+}
+
+fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
+    let scan = map.scan(pixel_size, "normals")?;
+    let band = |k: usize| {
+        map.normals
+            .iter()
+            .map(|n| n.map_or(f32::NAN, |n| n[k] as f32))
+            .collect::<Vec<f32>>()
+    };
+    let sigma = map.sigma_deg.iter().map(|s| *s as f32).collect();
+    let bands = vec![
+        ("nx", band(0)),
+        ("ny", band(1)),
+        ("nz", band(2)),
+        ("sigma_n_deg", sigma),
+    ];
+    Ok(Sensed {
+        pixels: map.normals.len(),
+        observations: scan.points.len(),
+        rejected: [("undetermined", map.undetermined)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .collect(),
+        sigma_n_deg: summary(map.sigma_deg.iter().copied().filter(|s| s.is_finite()).collect()),
+        raster: Some((map.columns, map.rows, bands)),
+        scan: Some(scan),
+        ..Sensed::default()
+    })
+}
+
+fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
+    let calibration = calibration_of(image, calibration)?;
+    let (scan, unit) = read_depth(image, &calibration)?;
+    if scan.points.is_empty() {
+        return Err(Error::undetermined(format!(
+            "{}: no pixel has a depth",
+            image.display()
+        )));
+    }
+    Ok(Sensed {
+        pixels: scan.points.len() + scan.dropped_not_finite,
+        observations: scan.points.len(),
+        rejected: [("no_reading", scan.dropped_not_finite)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .collect(),
+        unit,
+        more_inputs: vec![calibration],
+        scan: Some(scan),
+        ..Sensed::default()
+    })
+}
+
+/// σ along the rays from the sensor.
+fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
+    let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
+    summary(
+        covariances
+            .filter_map(|(c, p)| Some(planish_sense::variance_along(c, planish_estimate::vector3::unit(*p)?).sqrt()))
+            .collect(),
+    )
+}
+
+fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        values
+            .get(((values.len() as f64 - 1.0) * share).round() as usize)
+            .copied()
+    };
+    Some(SigmaSummary {
+        median: at(0.5)?,
+        p95: at(0.95)?,
+        max: at(1.0)?,
+    })
+}
+
+fn check_outputs(job: &SenseJob) -> Result<()> {
+    let inputs = job.kind.inputs();
+    let images = !matches!(job.kind, SenseKind::Depth { .. });
+    for (k, path) in job.outputs.iter().enumerate() {
+        let kind = extension(path);
+        let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+        match kind.as_str() {
+            "ply" if !packed => {
+                if let SenseKind::Stereo { calibration: None, .. } = job.kind {
+                    return Err(Error::input(format!(
+                        "{}: points need the calibration of the cameras: say --calib, or write disparities as .tif",
+                        path.display()
+                    )));
+                }
+            }
+            "tif" | "tiff" | "npy" if images && !packed => {}
+            other => {
+                let wanted = if images {
+                    ".ply (points), or .tif or .npy (an image of numbers)"
+                } else {
+                    ".ply (points)"
+                };
+                return Err(Error::unsupported(format!(
+                    "{}: the extension says what to write: needed {wanted}, found `{other}`",
+                    path.display()
+                )));
+            }
+        }
+        if job.outputs[..k].iter().any(|other| real_path(other) == real_path(path)) {
+            return Err(Error::input(format!(
+                "{}: named twice as an output: needed a name for each",
+                path.display()
+            )));
+        }
+        refuse_input_as_output(path, &inputs)?;
+        check_writable(path)?;
+    }
+    Ok(())
+}
+
+fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile> {
+    let mut written = SensedFile {
+        file: path.to_path_buf(),
+        points: None,
+        bands: Vec::new(),
+    };
+    match (extension(path).as_str(), &sensed.scan, &sensed.raster) {
+        ("ply", Some(scan), _) => {
+            write_scan(path, scan, unit)?;
+            written.points = Some(scan.points.len());
+        }
+        ("ply", None, _) | (_, _, None) => {
+            return Err(Error::input(format!(
+                "{}: there is nothing of that kind to write",
+                path.display()
+            )));
+        }
+        (_, _, Some((columns, rows, bands))) => {
+            let values: Vec<&[f32]> = bands.iter().map(|(_, band)| &band[..]).collect();
+            write_raster(path, *columns, *rows, &values)?;
+            written.bands = bands.iter().map(|(name, _)| *name).collect();
+        }
+    }
+    Ok(written)
+}

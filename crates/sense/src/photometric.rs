@@ -1,0 +1,508 @@
+//! Photometric stereo: images under known lights to normals that state their σ.
+//!
+//! Comes in: three images or more of one view, each under one far light of equal strength, and the directions towards the lights. Goes out: a [`NormalMap`].
+//! Not guaranteed: anything where light comes back from other parts of the object, or where its gloss is broad; the response of the camera is taken for linear.
+//!
+//! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness `I = ρ (max(n·l, 0) + a)`, with a share a of light from everywhere that all pixels have in common.
+//! For each pixel `b = ρ n` is found by least squares with weights that leave shadows and highlights out: readings below a share of the
+//! pixel's brightest count nothing, and residuals r count `(1 + (r/cs)²)⁻²` (Geman and McClure 1987); in the end what lies within three scales counts 1 and all else 0. The light a is that with the least residuals over the image.
+//!
+//! `Cov(b) = s² (Σ w l lᵀ)⁻¹`, s² from the pixel's residuals and the image's. σ of the normal is that of one tangential component, the root mean square of both:
+//! `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
+//!
+//! # References
+//! - Woodham, *Photometric method for determining surface orientation from multiple images*, Optical Engineering 1980.
+//! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left out by their residuals.
+
+use planish_estimate::vector3::{dot, norm, tangents, unit};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+
+use crate::{Image, RangeGrid, Scan, Viewing};
+
+/// Scales of the residuals at which a reading counts a quarter.
+const CUT: f64 = 2.5;
+/// Rounds of new weights; in the last one a reading counts wholly or not at all.
+const ROUNDS: usize = 8;
+/// Scales of the residuals beyond which a reading does not count in the end.
+const GATE: f64 = 3.0;
+/// A pixel's own residual variance is drawn to the image's with so many readings' weight.
+const SHRINKAGE: f64 = 8.0;
+/// Readings below this share of the pixel's brightest are in shadow.
+const SHADOW: f64 = 0.06;
+/// The share of light from everywhere is looked for up to here, in such steps.
+const MOST_AMBIENT: f64 = 0.3;
+const AMBIENT_STEP: f64 = 0.02;
+/// The ambient light is found from every so many pixels.
+const PILOT: usize = 7;
+
+/// How normals are found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhotometricOptions {
+    /// σ of a pixel's brightness; none where the residuals tell it, which takes four lights.
+    pub sigma_brightness: Option<f64>,
+    /// σ of the lights' directions, in degrees.
+    pub sigma_light_deg: f64,
+    /// Pixels whose brightest reading is below this share of the image's are not looked at.
+    pub darkest: f64,
+    /// The share of light from everywhere; found where it is none and there are five lights.
+    pub ambient: Option<f64>,
+}
+
+impl Default for PhotometricOptions {
+    fn default() -> Self {
+        Self {
+            sigma_brightness: None,
+            sigma_light_deg: 0.0,
+            darkest: 0.08,
+            ambient: None,
+        }
+    }
+}
+
+/// Normals of the pixels of a view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NormalMap {
+    /// Pixels in a row.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is negative), row by row; none where it is not known.
+    pub normals: Vec<Option<[f64; 3]>>,
+    /// σ of each of its tangential components, in degrees; NaN where there is none.
+    pub sigma_deg: Vec<f64>,
+    /// The share of light from everywhere.
+    pub ambient: f64,
+    /// σ of the brightness.
+    pub sigma_brightness: f64,
+    /// Pixels that were looked at but have no normal: too few lights reach them, or it would face away.
+    pub undetermined: usize,
+}
+
+/// Finds normals.
+///
+/// `mask` is above its half where the object is; without one every pixel that is not dark counts.
+///
+/// # Errors
+/// `Input` for fewer than three images, images of different sizes, or a light too few; `Undetermined` for lights that lie in one plane, three lights without a σ of the brightness,
+/// and where no pixel has a normal.
+pub fn photometric_normals(
+    images: &[Image],
+    lights: &[[f64; 3]],
+    mask: Option<&Image>,
+    options: &PhotometricOptions,
+) -> Result<NormalMap> {
+    check(images, lights, mask, options)?;
+    let (columns, rows) = (images[0].columns, images[0].rows);
+    let brightest = images.iter().flat_map(|i| &i.values).copied().fold(0.0_f32, f32::max);
+    let half = mask.map(|m| 0.5 * m.values.iter().copied().fold(0.0_f32, f32::max));
+    let readings = |k: usize| -> Option<Vec<f64>> {
+        let inside = mask.zip(half).is_none_or(|(m, half)| m.values[k] > half);
+        let all: Vec<f64> = images.iter().map(|i| f64::from(i.values[k])).collect();
+        let most = all.iter().copied().fold(0.0, f64::max);
+        (inside && most > options.darkest * f64::from(brightest)).then_some(all)
+    };
+    let pilot: Vec<Vec<f64>> = (0..columns * rows).step_by(PILOT).filter_map(readings).collect();
+    let ambient = match options.ambient {
+        Some(ambient) => ambient,
+        None if lights.len() < 5 => 0.0,
+        None => find_ambient(&pilot, lights),
+    };
+    let sigma = match options.sigma_brightness {
+        Some(sigma) => sigma,
+        // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
+        None => (0..2).fold(0.0, |sigma, _| {
+            typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()
+        }),
+    };
+    // Half a step of eight bits is the least that a perfect fit may claim.
+    let sigma = if sigma > 0.0 {
+        sigma
+    } else {
+        f64::from(brightest) / 512.0
+    };
+    let light_variance = options.sigma_light_deg.to_radians().powi(2);
+    let found: Vec<Option<Option<Found>>> = (0..columns * rows)
+        .into_par_iter()
+        .map(|k| {
+            let readings = readings(k)?;
+            Some(
+                Pixel::fit(&readings, lights, ambient, sigma)
+                    .and_then(|p| p.normal(lights, sigma, options, light_variance)),
+            )
+        })
+        .collect();
+    let undetermined = found.iter().filter(|f| matches!(f, Some(None))).count();
+    let found: Vec<_> = found.into_iter().map(Option::flatten).collect();
+    if found.iter().all(Option::is_none) {
+        return Err(Error::undetermined(
+            "no pixel has a normal: is the mask white where the object is, and are the lights in the order of the images?",
+        ));
+    }
+    Ok(NormalMap {
+        columns,
+        rows,
+        normals: found.iter().map(|f| f.map(|(n, _)| n)).collect(),
+        sigma_deg: found.iter().map(|f| f.map_or(f64::NAN, |(_, sigma)| sigma)).collect(),
+        ambient,
+        sigma_brightness: sigma,
+        undetermined,
+    })
+}
+
+/// A normal and its σ in degrees.
+type Found = ([f64; 3], f64);
+
+/// One pixel's fit.
+struct Pixel {
+    b: [f64; 3],
+    weights: Vec<f64>,
+    residuals: Vec<f64>,
+}
+
+impl Pixel {
+    /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
+    fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
+        let most = readings.iter().copied().fold(0.0, f64::max);
+        let lit: Vec<f64> = readings
+            .iter()
+            .map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 })
+            .collect();
+        let mut weights = lit.clone();
+        let mut b = [0.0; 3];
+        let mut residuals = vec![0.0; readings.len()];
+        let count = lit.iter().sum::<f64>();
+        for round in 1..=ROUNDS {
+            let brightness = ambient * norm(b);
+            let (mut m, mut r) = ([0.0; 6], [0.0; 3]);
+            for ((l, i), w) in lights.iter().zip(readings).zip(&weights) {
+                accumulate(&mut m, *w, *l);
+                (0..3).for_each(|k| r[k] += w * l[k] * (i - brightness));
+            }
+            b = multiply(&inverse(&m)?, r);
+            let brightness = ambient * norm(b);
+            for (k, l) in lights.iter().enumerate() {
+                residuals[k] = readings[k] - dot(b, *l) - brightness;
+            }
+            let among: Vec<f64> = residuals
+                .iter()
+                .zip(&lit)
+                .filter(|(_, w)| **w > 0.0)
+                .map(|(r, _)| r.abs())
+                .collect();
+            // With four readings or fewer nothing can be left out: one residual speaks for all.
+            if count < 5.0 || round == ROUNDS {
+                continue;
+            }
+            // Three of the residuals' freedoms are used up.
+            let spread = 1.4826 * median(among) * (count / (count - 3.0)).sqrt();
+            // A hundredth of the brightest is never an outlier: no surface is wholly matte.
+            let scale = spread.max(sigma).max(0.005 * most);
+            for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
+                *w = match round + 1 == ROUNDS {
+                    false => lit / (1.0 + (r / (CUT * scale)).powi(2)).powi(2),
+                    true if r.abs() < GATE * scale => *lit,
+                    true => 0.0,
+                };
+            }
+        }
+        Some(Self { b, weights, residuals })
+    }
+
+    /// Sum of the weighted squares, and the degrees of freedom that are left.
+    fn squares(&self) -> (f64, f64) {
+        let squares = self.residuals.iter().zip(&self.weights).map(|(r, w)| w * r * r).sum();
+        (squares, self.weights.iter().sum::<f64>() - 3.0)
+    }
+
+    /// The normal and its σ in degrees.
+    fn normal(
+        &self,
+        lights: &[[f64; 3]],
+        sigma: f64,
+        options: &PhotometricOptions,
+        light_variance: f64,
+    ) -> Option<([f64; 3], f64)> {
+        let n = unit(self.b).filter(|n| n[2] < 0.0)?;
+        let (squares, freedom) = self.squares();
+        let variance = match options.sigma_brightness {
+            Some(sigma) => sigma * sigma,
+            None => (squares + SHRINKAGE * sigma * sigma) / (freedom.max(0.0) + SHRINKAGE),
+        };
+        let mut m = [0.0; 6];
+        for (l, w) in lights.iter().zip(&self.weights) {
+            accumulate(&mut m, *w, *l);
+        }
+        let inverse = inverse(&m)?;
+        let along = |t: [f64; 3]| dot(t, multiply(&inverse, t));
+        let (e1, e2) = tangents(n);
+        let tangential = 0.5 * variance * (along(e1) + along(e2)) / dot(self.b, self.b);
+        let sigma = (tangential + light_variance).sqrt().to_degrees();
+        sigma.is_finite().then_some((n, sigma))
+    }
+}
+
+/// The residual variance of every pixel that has enough lights.
+fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Vec<f64> {
+    let fits = pixels
+        .par_iter()
+        .filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
+    let variances = fits.filter_map(|p| {
+        let (squares, freedom) = p.squares();
+        (freedom > 0.5).then(|| squares / freedom)
+    });
+    variances.collect()
+}
+
+/// The variance whose estimates, of as many freedoms as lights less three, have this median (Wilson and Hilferty 1931).
+fn typical(variances: Vec<f64>, lights: usize) -> f64 {
+    let freedom = lights.saturating_sub(3).max(1) as f64;
+    median(variances) / (1.0 - 2.0 / (9.0 * freedom)).powi(3)
+}
+
+/// The light from everywhere that leaves the least residuals.
+fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
+    let steps = (MOST_AMBIENT / AMBIENT_STEP).round() as usize;
+    let cost: Vec<f64> = (0..=steps)
+        .map(|k| {
+            // The median over all readings, those left out too: what is left out must not flatter.
+            let fits = pixels
+                .par_iter()
+                .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
+            let residuals = fits.flat_map_iter(|(fit, readings)| {
+                let most = readings.iter().copied().fold(0.0, f64::max);
+                let lit = fit
+                    .residuals
+                    .into_iter()
+                    .zip(readings)
+                    .filter(move |(_, i)| **i > SHADOW * most);
+                lit.map(|(r, _)| r.abs())
+            });
+            median(residuals.collect())
+        })
+        .collect();
+    let best = (0..=steps).min_by(|a, b| cost[*a].total_cmp(&cost[*b])).unwrap_or(0);
+    if best == 0 || best == steps {
+        return AMBIENT_STEP * best as f64;
+    }
+    let curvature = cost[best - 1] - 2.0 * cost[best] + cost[best + 1];
+    let offset = if curvature > 0.0 {
+        0.5 * (cost[best - 1] - cost[best + 1]) / curvature
+    } else {
+        0.0
+    };
+    AMBIENT_STEP * (best as f64 + offset)
+}
+
+/// Directions towards the lights from pictures of a mirror ball: `l = 2 (n·v) n − v`, with n the ball's normal where the light is mirrored and v towards the camera.
+///
+/// The ball is the disc of the mask's area about its middle, seen in parallel; a highlight is the middle of what is nearly as bright as the brightest.
+///
+/// # Errors
+/// `Input` for images of another size than the mask; `Undetermined` for an empty mask and a picture without a highlight on the ball.
+pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>> {
+    let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
+    let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
+    if inside.len() < 100 {
+        return Err(Error::undetermined(format!(
+            "needed a ball of 100 pixels or more, found {}",
+            inside.len()
+        )));
+    }
+    let place = |k: usize| [(k % mask.columns) as f64, (k / mask.columns) as f64];
+    let middle = |pixels: &mut dyn Iterator<Item = (usize, f64)>| {
+        let mut sums = [0.0; 3];
+        for (k, w) in pixels {
+            let [x, y] = place(k);
+            sums = [sums[0] + w * x, sums[1] + w * y, sums[2] + w];
+        }
+        [sums[0] / sums[2], sums[1] / sums[2]]
+    };
+    let centre = middle(&mut inside.iter().map(|k| (*k, 1.0)));
+    let radius = (inside.len() as f64 / std::f64::consts::PI).sqrt();
+    let light = |(number, image): (usize, &Image)| {
+        if (image.columns, image.rows) != (mask.columns, mask.rows) {
+            return Err(Error::input(format!(
+                "image {number} of the ball: needed {} × {} pixels like its mask, found {} × {}",
+                mask.columns, mask.rows, image.columns, image.rows
+            )));
+        }
+        let most = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
+        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * most);
+        let spot = middle(&mut bright.map(|k| (k, f64::from(image.values[k]))));
+        let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
+        let square = x * x + y * y;
+        if !(most > 0.0 && square < 1.0) {
+            return Err(Error::undetermined(format!(
+                "image {number} of the ball has no highlight"
+            )));
+        }
+        let n = [x, y, -(1.0 - square).sqrt()];
+        // v = (0, 0, −1).
+        let along = -2.0 * n[2];
+        Ok([along * n[0], along * n[1], along * n[2] + 1.0])
+    };
+    images.iter().enumerate().map(light).collect()
+}
+
+/// Normals from the colours of a picture: red, green and blue are x, y (up) and z (towards the camera) from −1 to 1.
+///
+/// # Errors
+/// `Input` for values that are not three for each pixel.
+pub fn normals_from_colours(
+    columns: usize,
+    rows: usize,
+    values: &[f32],
+    white: f32,
+    sigma_deg: f64,
+) -> Result<NormalMap> {
+    if values.len() != 3 * columns * rows {
+        return Err(Error::input(format!(
+            "needed the three colours of {columns} × {rows} pixels, found {} values",
+            values.len()
+        )));
+    }
+    let normal = |p: &[f32]| {
+        let [x, y, z] = [p[0], p[1], p[2]].map(|c| 2.0 * f64::from(c / white) - 1.0);
+        // What was never drawn is black or of any length.
+        let length = norm([x, y, z]);
+        unit([x, -y, -z]).filter(|n| n[2] < 0.0 && (0.8..1.2).contains(&length))
+    };
+    let normals: Vec<_> = values.chunks_exact(3).map(normal).collect();
+    Ok(NormalMap {
+        columns,
+        rows,
+        sigma_deg: normals
+            .iter()
+            .map(|n| if n.is_some() { sigma_deg } else { f64::NAN })
+            .collect(),
+        undetermined: normals.iter().filter(|n| n.is_none()).count(),
+        normals,
+        ambient: 0.0,
+        sigma_brightness: 0.0,
+    })
+}
+
+impl NormalMap {
+    /// The normals at their pixels: x right and y down in lengths of `pixel_size` from the first pixel, seen in parallel along z.
+    ///
+    /// Depth is not measured. z is 0 with a σ as large as the image, so that the positions say where a normal is and nothing of how deep.
+    ///
+    /// # Errors
+    /// `Undetermined` where there is no normal at all.
+    pub fn scan(&self, pixel_size: f64, name: &str) -> Result<Scan> {
+        let known: Vec<usize> = (0..self.normals.len()).filter(|k| self.normals[*k].is_some()).collect();
+        if known.is_empty() {
+            return Err(Error::undetermined("no pixel has a normal"));
+        }
+        let across = pixel_size * pixel_size / 12.0;
+        let deep = (pixel_size * self.columns.max(self.rows) as f64).powi(2);
+        let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
+        known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);
+        let point = |k: &usize| {
+            [
+                (k % self.columns) as f64 * pixel_size,
+                (k / self.columns) as f64 * pixel_size,
+                0.0,
+            ]
+        };
+        Ok(Scan {
+            name: name.to_owned(),
+            points: known.iter().map(point).collect(),
+            covariance: Some(vec![[across, 0.0, 0.0, across, 0.0, deep]; known.len()]),
+            normals: Some(known.iter().filter_map(|k| self.normals[*k]).collect()),
+            sigma_normal_deg: Some(known.iter().map(|k| self.sigma_deg[*k]).collect()),
+            grid: Some(RangeGrid {
+                columns: self.columns,
+                rows: self.rows,
+                cells,
+            }),
+            viewing: Viewing::Direction([0.0, 0.0, 1.0]),
+            ..Scan::default()
+        })
+    }
+}
+
+fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &PhotometricOptions) -> Result<()> {
+    if images.len() < 3 {
+        return Err(Error::input(format!(
+            "needed three images or more, found {}",
+            images.len()
+        )));
+    }
+    if images.len() != lights.len() {
+        return Err(Error::input(format!(
+            "needed as many images as lights, found {} and {}",
+            images.len(),
+            lights.len()
+        )));
+    }
+    let first = (images[0].columns, images[0].rows);
+    if let Some(other) = images.iter().chain(mask).find(|i| (i.columns, i.rows) != first) {
+        return Err(Error::input(format!(
+            "needed images of one size, found {} × {} and {} × {} pixels",
+            first.0, first.1, other.columns, other.rows
+        )));
+    }
+    if lights.len() == 3 && options.sigma_brightness.is_none() {
+        return Err(Error::undetermined(
+            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or use more lights",
+        ));
+    }
+    let mut m = [0.0; 6];
+    lights.iter().for_each(|l| accumulate(&mut m, 1.0, *l));
+    match inverse(&m).is_some() {
+        true => Ok(()),
+        false => Err(Error::undetermined(
+            "the lights lie in one plane with the object: needed three that do not",
+        )),
+    }
+}
+
+/// `m += w l lᵀ`, of `[xx, xy, xz, yy, yz, zz]`.
+fn accumulate(m: &mut [f64; 6], w: f64, l: [f64; 3]) {
+    let products = [
+        l[0] * l[0],
+        l[0] * l[1],
+        l[0] * l[2],
+        l[1] * l[1],
+        l[1] * l[2],
+        l[2] * l[2],
+    ];
+    m.iter_mut().zip(products).for_each(|(m, p)| *m += w * p);
+}
+
+fn multiply(m: &[f64; 6], v: [f64; 3]) -> [f64; 3] {
+    [
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
+        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
+    ]
+}
+
+/// The inverse, unless the matrix is nearly singular.
+fn inverse(m: &[f64; 6]) -> Option<[f64; 6]> {
+    let [a, b, c, d, e, f] = *m;
+    let cofactors = [
+        d * f - e * e,
+        c * e - b * f,
+        b * e - c * d,
+        a * f - c * c,
+        b * c - a * e,
+        a * d - b * b,
+    ];
+    let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
+    let trace = a + d + f;
+    (determinant > 1e-7 * trace.powi(3)).then(|| cofactors.map(|c| c / determinant))
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests;

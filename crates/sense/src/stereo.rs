@@ -1,0 +1,254 @@
+//! Dense stereo: two rectified images to disparities that state their σ.
+//!
+//! Comes in: two images whose rows correspond, and the range of disparities. Goes out: a [`DisparityMap`]; [`StereoCamera`](crate::StereoCamera) makes points of it.
+//!
+//! | module | what |
+//! |---|---|
+//! | cost | census and brightness: what a match costs |
+//! | paths | costs summed along eight paths |
+//! | winner | the best disparity, its rivals, the check from the right image, speckles |
+//! | subpixel | least squares on brightness: fractions of a pixel and σ |
+//!
+//! Not guaranteed: right disparities where both images repeat themselves or show nothing; their σ is large there, but need not be large enough.
+//!
+//! # References
+//! Hirschmüller, *Stereo Processing by Semi-Global Matching and Mutual Information*, PAMI 2008.
+
+mod cost;
+mod paths;
+mod subpixel;
+#[cfg(test)]
+mod tests;
+mod winner;
+
+use planish_estimate::{Error, Result};
+
+use crate::Image;
+use cost::MatchingCost;
+use paths::Penalties;
+
+/// More pixels times disparities than this take more memory than most computers have (two bytes each).
+const MOST_CELLS: usize = 6_000_000_000;
+
+/// Regions of disparities end where neighbours differ by more than this, in pixels.
+const SPECKLE_STEP: f32 = 1.0;
+
+/// A window without texture says no more than the whole disparity does, in pixels.
+const LARGEST_SIGMA: f32 = 1.0;
+
+/// How stereo is matched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StereoOptions {
+    /// The least disparity that is looked for, in pixels.
+    pub least_disparity: i32,
+    /// How many whole disparities are looked for, from the least one on.
+    pub disparities: usize,
+    /// P1: what a change of disparity by one from pixel to pixel costs; a bit of the census costs 2.
+    pub small_step: u16,
+    /// P2: what a larger change costs where brightness does not change.
+    pub large_step: u16,
+    /// How much more than the best the next minimum must cost, in hundredths.
+    pub uniqueness: u32,
+    /// The disparity that is found from the right image may differ by so many pixels.
+    pub left_right: u32,
+    /// Regions of fewer pixels are speckle.
+    pub speckle: u32,
+}
+
+impl Default for StereoOptions {
+    fn default() -> Self {
+        Self {
+            least_disparity: 0,
+            disparities: 64,
+            small_step: 45,
+            large_step: 300,
+            uniqueness: 3,
+            left_right: 1,
+            speckle: 100,
+        }
+    }
+}
+
+/// How many pixels have no disparity, and why: the first cause counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StereoRejected {
+    /// Another disparity is nearly as good, or there is no texture at all.
+    pub ambiguous: usize,
+    /// The right image sees something else: mostly what only the left one sees.
+    pub left_right: usize,
+    /// In a small region by itself.
+    pub speckle: usize,
+    /// At an end of the range: the true one may lie beyond.
+    pub range: usize,
+}
+
+/// Disparities of the left image: `x_right = x_left − d`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DisparityMap {
+    /// Pixels in a row.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// Disparity of each pixel, row by row; NaN where none is believed.
+    pub disparity: Vec<f32>,
+    /// σ of each disparity, in pixels; NaN where there is none.
+    pub sigma: Vec<f32>,
+    /// What has none.
+    pub rejected: StereoRejected,
+}
+
+/// Matches two rectified images.
+///
+/// Time and memory grow with pixels times disparities: two bytes each, and about 40 ns on one core. `watch` is told the share of the work that is
+/// done, between steps, and may stop it.
+///
+/// # Errors
+/// `Input` for images of different sizes, smaller than a window, or options out of range; `Unsupported` where the sums would take more than 12 GB; what `watch` returns.
+pub fn match_stereo(
+    left: &Image,
+    right: &Image,
+    options: &StereoOptions,
+    watch: &mut dyn FnMut(f64) -> Result<()>,
+) -> Result<DisparityMap> {
+    check(left, right, options)?;
+    let columns = left.columns;
+    let disparities = options.disparities;
+    let contrast = contrast(left);
+    let cost = MatchingCost::new(left, right, options.least_disparity);
+    let penalties = Penalties {
+        one: options.small_step,
+        more: options.large_step,
+        contrast,
+    };
+    let sums = paths::sums(left, &cost, disparities, penalties, &mut |share| watch(0.7 * share))?;
+    let winners = winner::winners(&sums, disparities, options.uniqueness);
+    let right_best = winner::right_winners(&sums, columns, disparities, options.least_disparity);
+    drop(sums);
+    watch(0.8)?;
+
+    let mut rejected = StereoRejected::default();
+    let mut first = vec![f32::NAN; winners.len()];
+    for (k, w) in winners.iter().enumerate() {
+        let there = (k % columns) as i64 - i64::from(options.least_disparity) - i64::from(w.best);
+        let agrees = usize::try_from(there)
+            .ok()
+            .filter(|t| *t < columns)
+            .is_some_and(|there| {
+                let other = right_best[k - k % columns + there];
+                u32::from(other.abs_diff(w.best)) <= options.left_right
+            });
+        match () {
+            () if !w.clear => rejected.ambiguous += 1,
+            () if !agrees => rejected.left_right += 1,
+            () if w.best == 0 && options.least_disparity != 0 || usize::from(w.best) + 1 == disparities => {
+                rejected.range += 1
+            }
+            () => first[k] = w.between + options.least_disparity as f32,
+        }
+    }
+    let sizes = winner::region_sizes(&first, columns, SPECKLE_STEP);
+    for (value, size) in first.iter_mut().zip(sizes) {
+        if value.is_finite() && size < options.speckle {
+            *value = f32::NAN;
+            rejected.speckle += 1;
+        }
+    }
+    watch(0.85)?;
+    let refined = subpixel::refine(left, right, &first, 0.5 * contrast);
+    watch(1.0)?;
+    let known = |count: usize| first.iter().filter(|d| d.is_finite()).count() - count;
+    rejected.ambiguous += known(refined.iter().flatten().count());
+    let (disparity, sigma) = refined
+        .iter()
+        .map(|r| r.map_or((f32::NAN, f32::NAN), |r| (r.disparity, sigma_of(&r))))
+        .unzip();
+    Ok(DisparityMap {
+        columns,
+        rows: left.rows,
+        disparity,
+        sigma,
+        rejected,
+    })
+}
+
+/// The σ of a disparity, in pixels, from what its window says.
+///
+/// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of the window that lies on other surfaces, the distance m by which
+/// least squares moved the disparity, and the roughness r of the first disparities, all but h in pixels. Least squares alone knows nothing of depth edges, where most gross errors are.
+///
+/// The factors are those of the greatest likelihood of the errors on the image pairs *cones* and *aloe* (Scharstein and Szeliski 2003, 2006) under
+/// Student's t of three degrees, rounded, and enlarged until the intervals cover. The two pairs alone give nearly the same ones. σ_t is 2.5 times too small because noise of
+/// neighbours is not independent, and interpolation errs.
+fn sigma_of(refined: &subpixel::Refined) -> f32 {
+    let terms = [
+        0.11,
+        2.5 * refined.sigma.min(LARGEST_SIGMA),
+        1.2 * (1.0 - refined.support),
+        0.7 * refined.moved,
+        0.5 * refined.rough,
+    ];
+    terms.iter().map(|t| t * t).sum::<f32>().sqrt()
+}
+
+/// The median difference of brightness between neighbours of a row that differ at all, times four.
+fn contrast(image: &Image) -> f32 {
+    let mut changes: Vec<f32> = (0..image.rows)
+        .flat_map(|y| image.row(y).windows(2).map(|w| (w[1] - w[0]).abs()))
+        .filter(|change| *change > 0.0)
+        .collect();
+    let middle = changes.len() / 2;
+    match changes.is_empty() {
+        true => 1.0,
+        false => 4.0 * *changes.select_nth_unstable_by(middle, f32::total_cmp).1,
+    }
+}
+
+fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
+    if (left.columns, left.rows) != (right.columns, right.rows) {
+        return Err(Error::input(format!(
+            "needed two images of one size, found {} × {} and {} × {} pixels",
+            left.columns, left.rows, right.columns, right.rows
+        )));
+    }
+    if left.columns < 16 || left.rows < 16 {
+        return Err(Error::input(format!(
+            "needed images of at least 16 × 16 pixels, found {} × {}",
+            left.columns, left.rows
+        )));
+    }
+    if !(4..=4096).contains(&options.disparities) {
+        return Err(Error::input(format!(
+            "needed from 4 to 4096 disparities to look for, found {}",
+            options.disparities
+        )));
+    }
+    if !(1..=1000).contains(&options.small_step) || !(options.small_step..=4000).contains(&options.large_step) {
+        return Err(Error::input(format!(
+            "needed penalties 1 ≤ P1 ≤ 1000 and P1 ≤ P2 ≤ 4000, found {} and {}",
+            options.small_step, options.large_step
+        )));
+    }
+    let reach = options.least_disparity.unsigned_abs() as usize;
+    if reach >= left.columns {
+        return Err(Error::input(format!(
+            "needed a least disparity below the images' width of {}, found {}",
+            left.columns, options.least_disparity
+        )));
+    }
+    if left.values.len().saturating_mul(options.disparities) > MOST_CELLS {
+        return Err(Error::unsupported(format!(
+            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images smaller",
+            left.columns,
+            left.rows,
+            options.disparities,
+            MOST_CELLS / 500_000_000
+        )));
+    }
+    if let Some(k) = left.values.iter().chain(&right.values).position(|v| !v.is_finite()) {
+        return Err(Error::input(format!(
+            "needed finite brightness, found none at pixel {}",
+            k % left.values.len()
+        )));
+    }
+    Ok(())
+}

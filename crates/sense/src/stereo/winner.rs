@@ -1,0 +1,144 @@
+//! The disparity that the sums of costs prefer, and whether to believe it.
+//!
+//! Comes in: sums for each pixel and disparity. Goes out: for each pixel its best disparity between whole numbers; then what tells which pixels are
+//! believed: a clear minimum, the same match from the right image, no speckle.
+//! Not guaranteed: that a repeated pattern is found out; its second minimum may be as good and as consistent.
+//!
+//! The right image's disparities are read off the same sums, along their diagonals (Hirschmüller 2008, section 2.3).
+
+use rayon::prelude::*;
+
+/// What a pixel's sums say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Winner {
+    /// The index of the least sum.
+    pub(super) best: u16,
+    /// Whether no other disparity but its neighbours comes near.
+    pub(super) clear: bool,
+    /// The minimum between whole numbers, as an index.
+    pub(super) between: f32,
+}
+
+/// The winners of all pixels.
+///
+/// `share` is how much more than the least the next minimum must cost, in hundredths.
+pub(super) fn winners(sums: &[u16], disparities: usize, share: u32) -> Vec<Winner> {
+    sums.par_chunks_exact(disparities)
+        .map(|sums| winner(sums, share))
+        .collect()
+}
+
+fn winner(sums: &[u16], share: u32) -> Winner {
+    let least = sums.iter().copied().min().unwrap_or(0);
+    let best = sums.iter().position(|s| *s == least).unwrap_or(0);
+    let others = sums[..best.saturating_sub(1)].iter().chain(sums.iter().skip(best + 2));
+    let next = others.copied().min().unwrap_or(u16::MAX);
+    Winner {
+        best: best as u16,
+        clear: u32::from(next) * 100 > u32::from(least) * (100 + share),
+        between: best as f32 + offset(sums, best),
+    }
+}
+
+/// Where the minimum lies between whole numbers: two lines of equal slope through three sums (Shimizu and Okutomi 2001), which
+/// sums of absolute differences and Hamming distances follow rather than a parabola.
+fn offset(sums: &[u16], best: usize) -> f32 {
+    if best == 0 || best + 1 >= sums.len() {
+        return 0.0;
+    }
+    let [below, here, above] = [best - 1, best, best + 1].map(|d| f32::from(sums[d]));
+    let rise = below.max(above) - here;
+    if rise > 0.0 { 0.5 * (below - above) / rise } else { 0.0 }
+}
+
+/// For every pixel of the right image the index of its disparity, row by row; `least` is the disparity of index 0.
+pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, least: i32) -> Vec<u16> {
+    let rows = sums.len() / (columns * disparities);
+    let mut all = vec![0; columns * rows];
+    let rows = all
+        .par_chunks_exact_mut(columns)
+        .zip(sums.par_chunks_exact(columns * disparities));
+    rows.for_each(|(winners, sums)| {
+        let mut costs = vec![u16::MAX; columns];
+        for (x, sums) in sums.chunks_exact(disparities).enumerate() {
+            for (d, &sum) in sums.iter().enumerate() {
+                let there = x as i64 - i64::from(least) - d as i64;
+                if let Some(there) = usize::try_from(there).ok().filter(|t| *t < columns)
+                    && sum < costs[there]
+                {
+                    costs[there] = sum;
+                    winners[there] = d as u16;
+                }
+            }
+        }
+    });
+    all
+}
+
+/// The sizes of the regions in which neighbours differ by no more than `step`; 0 where a value is not finite.
+pub(super) fn region_sizes(values: &[f32], columns: usize, step: f32) -> Vec<u32> {
+    let mut label = vec![u32::MAX; values.len()];
+    let mut sizes = Vec::new();
+    let mut stack = Vec::new();
+    for start in 0..values.len() {
+        if label[start] != u32::MAX || !values[start].is_finite() {
+            continue;
+        }
+        let name = sizes.len() as u32;
+        label[start] = name;
+        stack.push(start);
+        let mut size = 0_u32;
+        while let Some(k) = stack.pop() {
+            size += 1;
+            let x = k % columns;
+            let around = [
+                (x > 0).then(|| k - 1),
+                (x + 1 < columns).then_some(k + 1),
+                k.checked_sub(columns),
+                Some(k + columns).filter(|n| *n < values.len()),
+            ];
+            for n in around.into_iter().flatten() {
+                // NaN fails the comparison.
+                if label[n] == u32::MAX && (values[n] - values[k]).abs() <= step {
+                    label[n] = name;
+                    stack.push(n);
+                }
+            }
+        }
+        sizes.push(size);
+    }
+    let size = |name: &u32| if *name == u32::MAX { 0 } else { sizes[*name as usize] };
+    label.iter().map(size).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_minimum_between_whole_numbers_is_found_and_rivals_are_told() {
+        // A vee with its foot at 2.25.
+        let sums = [325_u16, 225, 125, 175, 275, 375].map(|s| s + 100);
+        let w = winner(&sums, 10);
+        assert!((w.between - 2.25).abs() < 1e-6 && w.clear, "{w:?}");
+        let mut rivals = vec![900_u16; 32];
+        (rivals[4], rivals[24]) = (100, 110);
+        let w = winner(&rivals, 15);
+        assert!(w.best == 4 && !w.clear, "{w:?}");
+    }
+
+    #[test]
+    fn the_right_image_sees_the_match_of_the_left() {
+        // One row of six pixels, disparities 1 and 2; pixel 4 matches pixel 2 best.
+        let mut sums = vec![50_u16; 12];
+        sums[4 * 2 + 1] = 1;
+        assert_eq!(right_winners(&sums, 6, 2, 1)[2], 1);
+    }
+
+    #[test]
+    fn regions_end_at_steps_and_at_what_is_not_known() {
+        let nan = f32::NAN;
+        let sizes = region_sizes(&[1.0, 1.5, 9.0, nan, 1.2, 9.5, 9.0, nan], 4, 1.0);
+        assert_eq!(sizes, [3, 3, 3, 0, 3, 3, 3, 0]);
+    }
+}

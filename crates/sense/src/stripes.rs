@@ -1,0 +1,294 @@
+//! Structured light by crossed stripes: places, orientations and curvatures where stripes cross.
+//!
+//! Comes in: a camera, a projector, and junctions: where two stripes cross in the image, which way each runs there, and where in the projector's picture they cross.
+//! Goes out: for each junction its point and normal ([`orientation`]), and with its neighbours its principal curvatures ([`curvature`]), all with covariance.
+//!
+//! A stripe lies in the plane through the projector's centre and its line there; it is seen in the plane through the camera's centre and its line in the image. Both
+//! planes hold its tangent, `t = N_projector × N_camera`, and two tangents hold the normal, `n = t₁ × t₂`. No search for depth is in it: orientation needs one image.
+//!
+//! Across a junction, from neighbour to opposite neighbour, runs a curve on the surface. By Meusnier's theorem its curvature's share along n is that of the surface in its direction,
+//! here `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both; by Euler's theorem `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
+//!
+//! Not guaranteed: which stripe is which; that is to be known. Curvature is that of the scale of the stripes' distance.
+//!
+//! # References
+//! - Shrikhande and Stockman, *Surface orientation from a projected grid*, PAMI 1989.
+//! - Hu and Stockman, *3-D surface solution using structured light and constraint propagation*, PAMI 1989.
+//! - do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-2, for Meusnier and Euler.
+
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents, unit, upper_triangle};
+use planish_estimate::{Error, Result};
+
+use crate::variance_along;
+
+/// A pinhole camera, or a projector, which is one backwards: `x ~ K (R X + t)`; x right, y down, pixel centres at integers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pinhole {
+    /// Intrinsics: focal lengths, skew and the pixel on the axis, row by row.
+    pub k: [[f64; 3]; 3],
+    /// Rotation from the world, row by row.
+    pub r: [[f64; 3]; 3],
+    /// Translation from the world.
+    pub t: [f64; 3],
+}
+
+fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
+    m.map(|row| dot(row, v))
+}
+
+fn transposed(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum())
+}
+
+impl Pinhole {
+    /// The centre, `−Rᵀ t`.
+    #[must_use]
+    pub fn centre(&self) -> [f64; 3] {
+        transposed(&self.r, self.t).map(|c| -c)
+    }
+
+    /// The pixel of a world point; none behind the camera.
+    #[must_use]
+    pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
+        let inside = times(&self.r, point);
+        let seen = times(&self.k, std::array::from_fn(|i| inside[i] + self.t[i]));
+        (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
+    }
+
+    /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
+    #[must_use]
+    pub fn plane_of_line(&self, at: [f64; 2], direction: [f64; 2]) -> [f64; 3] {
+        let line = cross([at[0], at[1], 1.0], [direction[0], direction[1], 0.0]);
+        transposed(&self.r, transposed(&self.k, line))
+    }
+}
+
+/// Where two stripes cross.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Junction {
+    /// Its pixel in the camera's image.
+    pub image: [f64; 2],
+    /// The angles of both stripes in the image, from x to y, in radians.
+    pub angles_rad: [f64; 2],
+    /// Its pixel in the projector's picture.
+    pub projector: [f64; 2],
+}
+
+/// How well junctions are seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JunctionSigma {
+    /// σ of each coordinate of the pixel, in pixels.
+    pub place_px: f64,
+    /// σ of each angle, in radians: `σ_px / √Σ i²` of a line through single places i pixels from the middle, each with σ_px.
+    pub angle_rad: f64,
+}
+
+impl JunctionSigma {
+    /// From the σ of single places on a stripe, one a pixel, that a line is drawn through, `reach` pixels to both sides.
+    #[must_use]
+    pub fn from_single_places(sigma_px: f64, reach: usize) -> Self {
+        let squares: f64 = (1..=reach).map(|i| 2.0 * (i * i) as f64).sum();
+        Self {
+            place_px: sigma_px / (2.0 * reach as f64 + 1.0).sqrt(),
+            angle_rad: sigma_px / squares.sqrt(),
+        }
+    }
+}
+
+/// A point of the surface and its normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orientation {
+    /// The point, in the world.
+    pub point: [f64; 3],
+    /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
+    pub covariance: [f64; 6],
+    /// The unit normal, towards the camera.
+    pub normal: [f64; 3],
+    /// Covariance of the normal; it has none along itself.
+    pub normal_covariance: [f64; 6],
+    /// σ of one tangential component of the normal, in degrees (root mean square of both).
+    pub sigma_normal_deg: f64,
+}
+
+/// The point and normal of a junction.
+///
+/// `stripes` are the directions of the two sets in the projector's picture. The point is that with the least squares of distances to the planes of both stripes, in the projector and in the image, each
+/// by its own length; the covariance is carried over from the image by differences, `J Σ Jᵀ`.
+///
+/// # Errors
+/// `Undetermined` where stripes run along the line between camera and projector as both see it, where the two tangents are one, or the point lies behind the camera.
+pub fn orientation(
+    camera: &Pinhole,
+    projector: &Pinhole,
+    stripes: [[f64; 2]; 2],
+    junction: &Junction,
+    sigma: &JunctionSigma,
+) -> Result<Orientation> {
+    let nothing = || {
+        Error::undetermined(format!(
+            "the junction at pixel {} {} determines no orientation",
+            junction.image[0], junction.image[1]
+        ))
+    };
+    let of = |z: [f64; 4]| {
+        let junction = Junction {
+            image: [z[0], z[1]],
+            angles_rad: [z[2], z[3]],
+            ..*junction
+        };
+        point_and_normal(camera, projector, stripes, &junction)
+    };
+    let z = [
+        junction.image[0],
+        junction.image[1],
+        junction.angles_rad[0],
+        junction.angles_rad[1],
+    ];
+    let (point, normal) = of(z).ok_or_else(nothing)?;
+    let (mut of_point, mut of_normal) = ([0.0; 6], [0.0; 6]);
+    for k in 0..4 {
+        let (sigma, step) = if k < 2 {
+            (sigma.place_px, 1e-3)
+        } else {
+            (sigma.angle_rad, 1e-5)
+        };
+        let beside = |s: f64| {
+            let mut z = z;
+            z[k] += s;
+            of(z).ok_or_else(nothing)
+        };
+        let (ahead, behind) = (beside(step)?, beside(-step)?);
+        let by = |a: [f64; 3], b: [f64; 3]| scale(sigma / (2.0 * step), sub(a, b));
+        let (dp, dn) = (by(ahead.0, behind.0), by(ahead.1, behind.1));
+        let add = |sum: &mut [f64; 6], d: [f64; 3]| {
+            let square = upper_triangle(|i, j| d[i] * d[j]);
+            sum.iter_mut().zip(square).for_each(|(s, q)| *s += q);
+        };
+        add(&mut of_point, dp);
+        add(&mut of_normal, dn);
+    }
+    let (e1, e2) = tangents(normal);
+    let tangential = 0.5 * (variance_along(&of_normal, e1) + variance_along(&of_normal, e2));
+    Ok(Orientation {
+        point,
+        covariance: of_point,
+        normal,
+        normal_covariance: of_normal,
+        sigma_normal_deg: tangential.sqrt().to_degrees(),
+    })
+}
+
+fn point_and_normal(
+    camera: &Pinhole,
+    projector: &Pinhole,
+    stripes: [[f64; 2]; 2],
+    junction: &Junction,
+) -> Option<([f64; 3], [f64; 3])> {
+    let directions = junction.angles_rad.map(|a| [a.cos(), a.sin()]);
+    let seen = directions.map(|d| camera.plane_of_line(junction.image, d));
+    let lit = stripes.map(|d| projector.plane_of_line(junction.projector, d));
+    let tangent = |k: usize| {
+        let (a, b) = (unit(lit[k])?, unit(seen[k])?);
+        // Planes that are nearly one have no line in common.
+        Some(cross(a, b)).filter(|t| norm(*t) > 1e-6).and_then(unit)
+    };
+    let normal = unit(cross(tangent(0)?, tangent(1)?))?;
+    // Four planes through the point: two of the camera's ray, two of the stripes.
+    let ray = [[1.0, 0.0], [0.0, 1.0]].map(|d| camera.plane_of_line(junction.image, d));
+    let (from_camera, from_projector) = (camera.centre(), projector.centre());
+    let planes = ray
+        .map(|n| (n, from_camera))
+        .into_iter()
+        .chain(lit.map(|n| (n, from_projector)));
+    let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+    for (n, through) in planes {
+        let n = unit(n)?;
+        let offset = dot(n, through);
+        for i in 0..3 {
+            (0..3).for_each(|j| m[i][j] += n[i] * n[j]);
+            r[i] += n[i] * offset;
+        }
+    }
+    let determinant = dot(m[0], cross(m[1], m[2]));
+    if determinant < 1e-12 {
+        return None;
+    }
+    // Cramer's rule; the matrix is symmetric, so its rows are its columns.
+    let point = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| dot(c, r) / determinant);
+    camera.project(point)?;
+    let towards = dot(normal, sub(from_camera, point)).signum();
+    Some((point, scale(towards, normal)))
+}
+
+/// Principal curvatures of the surface at a junction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Curvature {
+    /// The larger one; positive where the surface bends towards its normal.
+    pub k1: f64,
+    /// The smaller one.
+    pub k2: f64,
+    /// The unit tangent in which the surface bends by `k1`.
+    pub d1: [f64; 3],
+    /// σ of a component of the second fundamental form (root mean square of the two on its diagonal).
+    pub sigma: f64,
+}
+
+/// The principal curvatures at a junction from pairs of opposite neighbours: along both stripes and along the diagonals.
+///
+/// Each pair gives the normal curvature in its direction by Meusnier's theorem; least squares with their variances finds the second fundamental form, whose eigenvectors are Euler's.
+/// The pair's variance is that of its three points along n, and of the normal where the steps are not of one length.
+///
+/// # Errors
+/// `Undetermined` for fewer than three directions that differ.
+pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Curvature> {
+    let n = middle.normal;
+    let (e1, e2) = tangents(n);
+    let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+    for pair in pairs {
+        let steps = pair.map(|p| sub(p.point, middle.point));
+        let lengths = steps.map(norm);
+        let across = sub(steps[0], steps[1]);
+        let (x, y) = (dot(across, e1), dot(across, e2));
+        let square = x * x + y * y;
+        if !(square > 0.0 && lengths.iter().all(|l| *l > 0.0)) {
+            continue;
+        }
+        let shares = lengths.map(|l| 1.0 / (l * l));
+        let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
+        let of_points: f64 = (0..2)
+            .map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n))
+            .sum();
+        let of_middle = (shares[0] + shares[1]).powi(2) * variance_along(&middle.covariance, n);
+        let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
+        let of_normal = variance_along(&middle.normal_covariance, lever);
+        let weight = 1.0 / (of_points + of_middle + of_normal);
+        // κ = a c² + 2 b c s + d s² in the direction (c, s).
+        let row = [x * x / square, 2.0 * x * y / square, y * y / square];
+        for i in 0..3 {
+            (0..3).for_each(|j| m[i][j] += weight * row[i] * row[j]);
+            r[i] += weight * row[i] * kappa;
+        }
+    }
+    let determinant = dot(m[0], cross(m[1], m[2]));
+    let size = m[0][0] + m[1][1] + m[2][2];
+    let determined = determinant > 1e-9 * size.powi(3);
+    if !determined {
+        return Err(Error::undetermined(
+            "needed neighbours in three directions for the curvature",
+        ));
+    }
+    let inverse = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| scale(1.0 / determinant, c));
+    let [a, b, d] = inverse.map(|row| dot(row, r));
+    let (mean, half) = (0.5 * (a + d), (0.25 * (a - d) * (a - d) + b * b).sqrt());
+    let angle = 0.5 * (2.0 * b).atan2(a - d);
+    let d1 = std::array::from_fn(|k| angle.cos() * e1[k] + angle.sin() * e2[k]);
+    Ok(Curvature {
+        k1: mean + half,
+        k2: mean - half,
+        d1,
+        sigma: (0.5 * (inverse[0][0] + inverse[2][2])).sqrt(),
+    })
+}
+
+#[cfg(test)]
+mod tests;
