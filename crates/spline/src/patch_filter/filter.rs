@@ -9,7 +9,7 @@ use super::belief::{PatchBelief, Workspace};
 use super::criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, gaussian_curvature};
 use super::prior::{PatchPriors, SmoothnessPrior, positive_part};
 use super::quadtree::{Patch, Quadtree, SparseRow, VERTICES, quarter_matrix, vertex_of};
-use super::reading::{Equation, EquationKind, SurfaceReading};
+use super::reading::{EquationKind, SurfaceReading};
 use super::reconcile::{News, spread};
 use crate::basis::cubic;
 use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL};
@@ -50,15 +50,20 @@ pub struct PatchFilterOptions {
     pub maximum_depth: u8,
     /// Neighbours are not told what lowers a variance by less than this share.
     pub least_gain: f64,
+    /// Whether a patch that may yet be divided reckons with the detail that it cannot hold: positions then have the prior's
+    /// variance of that detail besides their own. Without it a patch takes detail for shape of its own and is too sure of it, and so
+    /// are the children that inherit it.
+    pub expect_detail: bool,
 }
 
 impl Default for PatchFilterOptions {
-    /// Isotropic, depth 3, and a least gain of a millionth.
+    /// Isotropic, depth 3, a least gain of a millionth, detail expected.
     fn default() -> Self {
         Self {
             layout: StateLayout::Isotropic,
             maximum_depth: 3,
             least_gain: 1e-6,
+            expect_detail: true,
         }
     }
 }
@@ -126,6 +131,8 @@ pub struct PatchFilter {
     pub(super) quadtree: Quadtree,
     pub(super) members: Vec<Member>,
     pub(super) readings: u64,
+    /// By depth: how much of the prior's variance only deeper patches can hold.
+    detail_variance: Vec<f64>,
     workspace: Workspace,
     row: SparseRow,
 }
@@ -189,7 +196,7 @@ impl PatchFilter {
                 })
             })
             .collect::<Result<_>>()?;
-        Ok(Self::assemble(
+        Self::assemble(
             initial.clone(),
             metric.clone(),
             prior,
@@ -197,7 +204,7 @@ impl PatchFilter {
             quadtree,
             members,
             0,
-        ))
+        )
     }
 
     pub(super) fn assemble(
@@ -208,8 +215,9 @@ impl PatchFilter {
         quadtree: Quadtree,
         members: Vec<Member>,
         readings: u64,
-    ) -> Self {
-        Self {
+    ) -> Result<Self> {
+        let detail_variance = detail_variances(&metric, prior, &options)?;
+        Ok(Self {
             initial,
             metric,
             prior,
@@ -217,9 +225,10 @@ impl PatchFilter {
             quadtree,
             members,
             readings,
+            detail_variance,
             workspace: Workspace::default(),
             row: SparseRow::with_capacity(48),
-        }
+        })
     }
 
     /// The leaf patches.
@@ -298,7 +307,7 @@ impl PatchFilter {
             && equations
                 .iter()
                 .flatten()
-                .any(|e| matches!(e.what, EquationKind::Along(..)))
+                .any(|e| matches!(e.what, EquationKind::Form(..)))
         {
             return Err(Error::unsupported(
                 "a filter whose coordinates share one covariance takes positions with noise alike in all directions: use the full layout",
@@ -313,48 +322,48 @@ impl PatchFilter {
             equations: 0,
             normalized_squared: 0.0,
         };
+        let detail = self.detail_variance[usize::from(update.patch.depth)];
         for equation in equations.iter().flatten() {
+            let variance = equation.variance + equation.sees_detail * detail;
             let mut take = |row: &SparseRow, value: [f64; 3], columns: usize| -> Result<()> {
-                let surprise = member
-                    .belief
-                    .update(row, value, equation.variance, &mut self.workspace)?;
+                let surprise = member.belief.update(row, value, variance, &mut self.workspace)?;
                 update.equations += columns;
                 update.normalized_squared +=
                     surprise.residual[..columns].iter().map(|e| e * e).sum::<f64>() / surprise.variance;
                 Ok(())
             };
+            let row = &mut self.row;
+            row.clear();
+            let at = |k: usize| vertex_of(cell, k) as u16;
             match (layout, equation.what) {
-                (StateLayout::Height, what) => {
-                    let (direction, mut value) = match what {
-                        EquationKind::Point(p) => ([0.0, 0.0, 1.0], p[2]),
-                        EquationKind::Along(a, z) => (a, z),
-                    };
-                    for (k, w) in equation.weights.iter().enumerate() {
-                        let at = member.initial[vertex_of(cell, k)];
-                        value -= w * (direction[0] * at[0] + direction[1] * at[1]);
-                    }
-                    fill(&mut self.row, cell, equation, |at, w, row| {
-                        row.push((at, w * direction[2]));
-                    });
-                    take(&self.row, [value, 0.0, 0.0], 1)?;
+                (StateLayout::Height, EquationKind::Point(weights, p)) => {
+                    row.extend((0..16).map(|k| (at(k), weights[k])));
+                    take(row, [p[2], 0.0, 0.0], 1)?;
                 }
-                (StateLayout::Isotropic, EquationKind::Point(p)) => {
-                    fill(&mut self.row, cell, equation, |at, w, row| row.push((at, w)));
-                    take(&self.row, p, 3)?;
+                (StateLayout::Isotropic, EquationKind::Point(weights, p)) => {
+                    row.extend((0..16).map(|k| (at(k), weights[k])));
+                    take(row, p, 3)?;
                 }
-                (StateLayout::Full, EquationKind::Point(p)) => {
+                (StateLayout::Full, EquationKind::Point(weights, p)) => {
                     for (d, z) in (0..3).zip(p) {
-                        fill(&mut self.row, cell, equation, |at, w, row| row.push((3 * at + d, w)));
-                        take(&self.row, [z, 0.0, 0.0], 1)?;
+                        row.clear();
+                        row.extend((0..16).map(|k| (3 * at(k) + d, weights[k])));
+                        take(row, [z, 0.0, 0.0], 1)?;
                     }
                 }
-                (StateLayout::Full, EquationKind::Along(a, z)) => {
-                    fill(&mut self.row, cell, equation, |at, w, row| {
-                        row.extend((0..3).zip(a).map(|(d, x)| (3 * at + d, w * x)));
-                    });
-                    take(&self.row, [z, 0.0, 0.0], 1)?;
+                (StateLayout::Height, EquationKind::Form(form, mut value)) => {
+                    for (k, f) in form.iter().enumerate() {
+                        let known = member.initial[vertex_of(cell, k)];
+                        value -= f[0] * known[0] + f[1] * known[1];
+                    }
+                    row.extend((0..16).map(|k| (at(k), form[k][2])));
+                    take(row, [value, 0.0, 0.0], 1)?;
                 }
-                (StateLayout::Isotropic, EquationKind::Along(..)) => {}
+                (StateLayout::Full, EquationKind::Form(form, value)) => {
+                    row.extend((0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f))));
+                    take(row, [value, 0.0, 0.0], 1)?;
+                }
+                (StateLayout::Isotropic, EquationKind::Form(..)) => {}
             }
         }
         let sum = &mut member.innovations[cell];
@@ -432,7 +441,8 @@ impl PatchFilter {
         self.divide_for(reasons)
     }
 
-    /// Children inherit `α Σ αᵀ + Q` with all the readings in it; patches beside them gain what detail grading had forbidden.
+    /// Children inherit `α Σ αᵀ + Q` with all the readings in it. The other patches gain too: those beside them the detail that grading
+    /// had forbidden, and all a little, because the energy projection of new detail on coarse vertices reaches beyond it.
     fn divide_for(&mut self, reasons: Vec<Option<SubdivisionReason>>) -> Result<Vec<Subdivision>> {
         let marked: Vec<bool> = reasons.iter().map(Option::is_some).collect();
         if !marked.contains(&true) {
@@ -449,11 +459,6 @@ impl PatchFilter {
             .enumerate()
             .map(|(p, patch)| {
                 let known = old.get(patch);
-                if let Some(&at) = known
-                    && !neighbours_are_new(*patch, &quadtree, &old)
-                {
-                    return Ok(self.members[at].clone());
-                }
                 let prior = priors.covariance(&quadtree, p)? / self.prior.weight;
                 let (from, alpha) = match (known, patch.parent().and_then(|parent| old.get(&parent))) {
                     (Some(&at), _) => (at, DMatrix::identity(VERTICES, VERTICES)),
@@ -625,16 +630,6 @@ impl PatchFilter {
     }
 }
 
-/// Whether a patch of the same depth that touches this one has just been made.
-fn neighbours_are_new(patch: Patch, quadtree: &Quadtree, old: &HashMap<Patch, usize>) -> bool {
-    let own: std::collections::HashSet<Cell> = (0..VERTICES).map(|k| quadtree.function(patch, k)).collect();
-    quadtree.patches.iter().any(|other| {
-        other.depth == patch.depth
-            && !old.contains_key(other)
-            && (0..VERTICES).any(|k| own.contains(&quadtree.function(*other, k)))
-    })
-}
-
 /// A matrix over vertices as one over the unknowns of a layout.
 fn expanded(matrix: &DMatrix<f64>, layout: StateLayout) -> DMatrix<f64> {
     match layout {
@@ -643,11 +638,45 @@ fn expanded(matrix: &DMatrix<f64>, layout: StateLayout) -> DMatrix<f64> {
     }
 }
 
-/// Writes the weights of an equation as a row over the patch.
-#[inline]
-fn fill(row: &mut SparseRow, cell: usize, equation: &Equation, mut push: impl FnMut(u16, f64, &mut SparseRow)) {
-    row.clear();
-    for (k, w) in equation.weights.iter().enumerate() {
-        push(vertex_of(cell, k) as u16, *w, row);
+/// For every depth the prior's variance, of one coordinate at a point, that patches of that depth cannot hold and those of the
+/// maximum depth can: a mean over the first base patch.
+///
+/// It is measured where that patch is divided once; with every level it falls to a quarter, as thin plates in the plane have it.
+fn detail_variances(metric: &Surface, prior: SmoothnessPrior, options: &PatchFilterOptions) -> Result<Vec<f64>> {
+    let depths = usize::from(options.maximum_depth);
+    if !options.expect_detail || depths == 0 {
+        return Ok(vec![0.0; depths + 1]);
     }
+    let coarse = Quadtree::new(Arc::clone(metric.space()))?;
+    let mut marked = vec![false; coarse.patches.len()];
+    marked[0] = true;
+    let fine = coarse.divided(&marked)?;
+    let (before, after) = (
+        PatchPriors::new(&coarse.space, metric, prior.hold)?.covariance(&coarse, 0)?,
+        PatchPriors::new(&fine.space, metric, prior.hold)?,
+    );
+    let (mut sum, mut points) = (0.0, 0.0);
+    for (p, patch) in fine.patches.iter().enumerate() {
+        if patch.parent() != Some(coarse.patches[0]) {
+            continue;
+        }
+        let alpha = quarter_matrix([patch.i as usize % 2, patch.j as usize % 2]);
+        let detail = after.covariance(&fine, p)? - &alpha * &before * alpha.transpose();
+        for cell in 0..16 {
+            for weights in [leaf_weights(0.25, 0.25), leaf_weights(0.75, 0.75)] {
+                points += 1.0;
+                for (k, a) in weights.iter().enumerate() {
+                    for (l, b) in weights.iter().enumerate() {
+                        sum += a * b * detail[(vertex_of(cell, k), vertex_of(cell, l))];
+                    }
+                }
+            }
+        }
+    }
+    let first = (sum / points).max(0.0) / prior.weight;
+    let mut below = vec![0.0; depths + 1];
+    for depth in (0..depths).rev() {
+        below[depth] = below[depth + 1] + first * 0.25_f64.powi(depth as i32);
+    }
+    Ok(below)
 }

@@ -13,8 +13,10 @@
 //!
 //! Derivatives of normals and curvatures are taken along an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the surface as it is known: the
 //! equations of S_u and S_v (or of uu, uv, vv) in another basis, in which the noise of a normal or of a curvature matrix is independent.
-//! Unnormalised, `n · S_u = 0` would reward a surface that collapses. The frame is frozen at the estimate; the equations are linear in the
-//! vertices, and what the frame was off by shows in second order.
+//! Unnormalised, `n · S_u = 0` would reward a surface that collapses. The frame is frozen at the estimate; for curvatures
+//! `g = n · S_ab − S_aᵀ II S_b` is linearised there, tangents included. What the estimate was off by shows in second order.
+//!
+//! Not guaranteed: a good linearisation where the surface is far from its place; positions before normals, normals before curvatures.
 //!
 //! # References
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3; Wang, Wang 1994, eq. 3–7 (which hold at unit speed only).
@@ -84,17 +86,28 @@ pub enum SurfaceReading {
 /// One scalar equation, or three alike, over the sixteen coefficients of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Equation {
-    pub weights: [f64; 16],
     pub what: EquationKind,
     pub variance: f64,
+    /// Share of the variance of detail that the equation sees, 1 for positions.
+    pub sees_detail: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
 pub(super) enum EquationKind {
     /// `Σ c_k P_k = z`, each coordinate by itself.
-    Point([f64; 3]),
-    /// `a · Σ c_k P_k = z`.
-    Along([f64; 3], f64),
+    Point([f64; 16], [f64; 3]),
+    /// `Σ f_k · P_k = z`.
+    Form([[f64; 3]; 16], f64),
+}
+
+impl Equation {
+    fn along(weights: [f64; 16], direction: [f64; 3], value: f64, variance: f64) -> Self {
+        Self {
+            what: EquationKind::Form(weights.map(|w| direction.map(|a| w * a)), value),
+            variance,
+            sees_detail: dot(direction, direction),
+        }
+    }
 }
 
 impl SurfaceReading {
@@ -148,7 +161,7 @@ impl SurfaceReading {
     }
 
     /// The equations at local coordinates of a cell of that side; `jet` gives the surface there as it is known. They are written to
-    /// `out`; the number of them comes back.
+    /// `out`, none behind the last.
     pub(super) fn equations(
         &self,
         [s, t]: [f64; 2],
@@ -161,19 +174,15 @@ impl SurfaceReading {
         match *self {
             Self::Position { point, variance, .. } => {
                 out[0] = Some(Equation {
-                    weights: leaf_weights(s, t),
-                    what: EquationKind::Point(point),
+                    what: EquationKind::Point(leaf_weights(s, t), point),
                     variance,
+                    sees_detail: 1.0,
                 });
             }
             Self::PositionWithCovariance { point, covariance, .. } => {
                 let (axes, values) = symmetric_eigen(covariance);
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
-                    *to = Some(Equation {
-                        weights: leaf_weights(s, t),
-                        what: EquationKind::Along(axis, dot(axis, point)),
-                        variance: value.max(0.0),
-                    });
+                    *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
                 }
             }
             Self::Along {
@@ -182,19 +191,15 @@ impl SurfaceReading {
                 variance,
                 ..
             } => {
-                out[0] = Some(Equation {
-                    weights: leaf_weights(s, t),
-                    what: EquationKind::Along(direction, value),
-                    variance,
-                });
+                out[0] = Some(Equation::along(leaf_weights(s, t), direction, value, variance));
             }
             Self::Normal { normal, sigma_rad, .. } => {
                 let frame = TangentFrame::of(&jet())?;
                 for (to, along) in out.iter_mut().zip(frame.from_parameters) {
+                    let weights = first_derivative([s, t], side, along);
                     *to = Some(Equation {
-                        weights: first_derivative([s, t], side, along),
-                        what: EquationKind::Along(normal, 0.0),
-                        variance: sigma_rad * sigma_rad,
+                        sees_detail: 0.0,
+                        ..Equation::along(weights, normal, 0.0, sigma_rad * sigma_rad)
                     });
                 }
             }
@@ -206,16 +211,21 @@ impl SurfaceReading {
                 ..
             } => {
                 let frame = TangentFrame::of(&jet())?;
+                let bend = |t: [f64; 3]| -> [f64; 3] {
+                    let along = [0, 1].map(|k| principal[k] * dot(directions[k], t));
+                    [0, 1, 2].map(|d| along[0] * directions[0][d] + along[1] * directions[1][d])
+                };
+                let first = frame.from_parameters.map(|along| first_derivative([s, t], side, along));
                 for (to, [a, b]) in out.iter_mut().zip([[0, 0], [0, 1], [1, 1]]) {
-                    let bending: f64 = (0..2)
-                        .map(|k| {
-                            principal[k] * dot(directions[k], frame.tangents[a]) * dot(directions[k], frame.tangents[b])
-                        })
-                        .sum();
+                    let second = second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]);
+                    let [bent_a, bent_b] = [a, b].map(|k| bend(frame.tangents[k]));
+                    let form = std::array::from_fn(|k| {
+                        [0, 1, 2].map(|d| second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d])
+                    });
                     *to = Some(Equation {
-                        weights: second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]),
-                        what: EquationKind::Along(normal, bending),
+                        what: EquationKind::Form(form, -dot(frame.tangents[a], bent_b)),
                         variance: sigma * sigma * if a == b { 1.0 } else { 0.5 },
+                        sees_detail: 0.0,
                     });
                 }
             }

@@ -130,7 +130,7 @@ impl PatchFilter {
                 })
             })
             .collect::<Result<_>>()?;
-        Ok(Self::assemble(
+        Self::assemble(
             initial,
             metric,
             state.prior,
@@ -138,6 +138,6 @@ impl PatchFilter {
             quadtree,
             members,
             state.readings,
-        ))
+        )
     }
 }
