@@ -231,6 +231,33 @@ impl PatchFilter {
         })
     }
 
+    /// The same filter with the full layout, which takes every kind of reading: what was learned stays, coordinates begin to be told apart.
+    ///
+    /// # Errors
+    /// `Unsupported` for a filter of heights, whose plan has no covariance.
+    pub fn with_full_layout(mut self) -> Result<Self> {
+        match self.options.layout {
+            StateLayout::Full => return Ok(self),
+            StateLayout::Isotropic => {}
+            StateLayout::Height => {
+                return Err(Error::unsupported(
+                    "a filter of heights takes its plan as known: begin with the isotropic or the full layout",
+                ));
+            }
+        }
+        let widen = |belief: &PatchBelief| {
+            // Row-major vertices by coordinates are the unknowns of the full layout, in their order.
+            let mean = DMatrix::from_row_slice(3 * VERTICES, 1, belief.mean());
+            PatchBelief::from_matrices(&mean, &expanded(&belief.covariance_matrix(), StateLayout::Full))
+        };
+        for member in &mut self.members {
+            member.belief = widen(&member.belief);
+            member.before = member.before.as_ref().map(widen);
+        }
+        self.options.layout = StateLayout::Full;
+        Ok(self)
+    }
+
     /// The leaf patches.
     #[must_use]
     pub fn patches(&self) -> &[Patch] {
