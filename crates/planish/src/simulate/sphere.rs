@@ -22,15 +22,15 @@
 
 use super::figure::{Curve, Panel, draw};
 use crate::progress::{Part, Progress, WRITING_STAGE};
-use planish_estimate::sparse::SelectedInverse;
-use planish_estimate::vector3::{norm, tangents, unit};
+use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
 };
 use planish_exchange::{check_writable, extension, write_atomically};
 use planish_spline::{
-    CellCovariance, CellInformation, Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SubdivisionCriteria,
-    Surface, SurfaceReading, SurfaceSystem, fit_function, leaf_weights, parameter_plane,
+    CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SubdivisionCriteria,
+    Surface, SurfaceReading, SurfaceSystem, cubic, fit_function, leaf_weights, parameter_plane,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -315,35 +315,32 @@ impl Setting {
     fn weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
         let unit = SmoothnessPrior { weight: 1.0, hold: HOLD }.information(&self.system, &self.metric)?;
         let space = self.system.space();
-        let directions = vec![[0.0, 0.0, 1.0]; space.node_count()];
-        let by_leaf = readings_by_leaf(space, positions);
-        // One coordinate at a time has the same matrix; the vector is that of departures from the cylinder.
-        let data: Vec<_> = (0..3)
-            .map(|d| {
-                self.system.accumulate_along(&directions, |leaf, add| {
-                    for (local, reading) in &by_leaf[leaf] {
-                        if let SurfaceReading::Position { point, variance, .. } = reading {
-                            let departure = point[d] - self.cylinder.leaf_point(leaf, local[0], local[1])[d];
-                            add(&leaf_weights(local[0], local[1]), [0.0, 0.0, 1.0], departure, 1.0 / variance);
-                        }
-                    }
-                })
-            })
-            .collect::<Result<_>>()?;
-        let squares: f64 = positions
-            .iter()
-            .map(|reading| match reading {
-                SurfaceReading::Position {
-                    parameters: [u, v],
-                    point,
-                    variance,
-                } => {
-                    let at = self.cylinder.point(*u, *v);
-                    (0..3).map(|d| (point[d] - at[d]).powi(2)).sum::<f64>() / variance
-                }
-                _ => 0.0,
-            })
-            .sum();
+        // Departures from the cylinder: one matrix, three right-hand sides.
+        let mut data = BlockInformation::zeros(Arc::clone(self.system.pattern()), 1, 3)?;
+        let mut squares = 0.0;
+        for reading in positions {
+            let SurfaceReading::Position {
+                parameters: [u, v],
+                point,
+                variance,
+            } = *reading
+            else {
+                continue;
+            };
+            let (leaf, [s, t]) = space.locate(u, v);
+            let (nodes, weights) = space.extraction(leaf);
+            let at = self.cylinder.leaf_point(leaf, s, t);
+            let departure = [0, 1, 2].map(|d| point[d] - at[d]);
+            squares += departure.iter().map(|x| x * x).sum::<f64>() / variance;
+            let c = leaf_weights(s, t);
+            let row: Vec<f64> = weights
+                .iter()
+                .map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum())
+                .collect();
+            let matrix: Vec<f64> = row.iter().flat_map(|a| row.iter().map(move |b| a * b / variance)).collect();
+            let vector: Vec<f64> = row.iter().flat_map(|a| departure.map(|x| a * x / variance)).collect();
+            data.add_element(nodes, &matrix, &vector)?;
+        }
         let nodes = space.node_count();
         let model = SmoothnessModel {
             rank: 3 * nodes,
@@ -353,20 +350,16 @@ impl Setting {
             dispersion: Dispersion::Known(1.0),
         };
         let evaluate = |weight: f64| -> Result<SmoothnessEvaluation> {
-            let mut matrix = data[0].clone();
-            matrix.add_scaled(&unit.first_column()?, weight)?;
+            let mut matrix = data.clone();
+            matrix.add_scaled(&unit, weight)?;
             let factor = self.system.factorize_scalar(&matrix)?;
-            let (mut residual, mut roughness) = (squares, 0.0);
-            for one in &data {
-                let mut x = one.vector().to_vec();
-                factor.solve_in_place(&mut x)?;
-                residual += one.quadratic_form(&x)? - 2.0 * x.iter().zip(one.vector()).map(|(a, b)| a * b).sum::<f64>();
-                roughness += unit.quadratic_form(&x)?;
-            }
+            let mut x = data.vector().to_vec();
+            factor.solve_in_place(&mut x)?;
+            let fitted: f64 = x.iter().zip(data.vector()).map(|(a, b)| a * b).sum();
             Ok(SmoothnessEvaluation {
                 log_determinant: 3.0 * factor.log_determinant(),
-                residual,
-                roughness,
+                residual: squares + data.quadratic_form(&x)? - 2.0 * fitted,
+                roughness: unit.quadratic_form(&x)?,
                 trace: None,
             })
         };
@@ -412,7 +405,7 @@ fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
             let (p, q) = (on_sphere(u + du, v + dv), on_sphere(u - du, v - dv));
             [0, 1, 2].map(|d| p[d] - q[d])
         });
-        ([u, v], norm(planish_estimate::vector3::cross(a, b)))
+        ([u, v], norm(cross(a, b)))
     })
 }
 
@@ -430,7 +423,7 @@ fn mean_error(surface: &Surface) -> f64 {
 #[derive(Clone)]
 struct Global {
     system: Arc<SurfaceSystem>,
-    information: planish_estimate::sparse::BlockInformation,
+    information: BlockInformation,
 }
 
 struct Solved {
@@ -452,7 +445,7 @@ impl Global {
             !by_leaf[leaf].is_empty()
         })?;
         let scalar = prior.information(&system, &setting.metric)?;
-        let mut wide = scalar.first_column()?.expanded(3)?;
+        let mut wide = scalar.expanded(3)?;
         let start: Vec<f64> = setting.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();
         let mut vector = vec![0.0; start.len()];
         wide.multiply(&start, &mut vector)?;
@@ -511,11 +504,11 @@ impl Global {
 }
 
 /// Weights of the derivatives along two orthonormal tangents.
-fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &planish_spline::Jet) -> Vec<[f64; 16]> {
+fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> Vec<[f64; 16]> {
     let side = at.space().leaves()[leaf].side();
-    let (bu, bv) = (planish_spline::cubic(s), planish_spline::cubic(t));
+    let (bu, bv) = (cubic(s), cubic(t));
     let l = norm(jet.du);
-    let m = planish_estimate::vector3::dot(jet.du, jet.dv) / l;
+    let m = dot(jet.du, jet.dv) / l;
     let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
     [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]]
         .iter()
