@@ -5,7 +5,8 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene, write_sphere,
+    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene,
+    write_sphere,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -84,7 +85,8 @@ fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -
             vec![
                 count(row.readings),
                 significant(row.noise_percent, 2),
-                row.orientation_deg.map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
+                row.orientation_deg
+                    .map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
                 significant(row.leaf_patches, 3),
                 significant(row.patch_percent, 3),
                 significant(row.global_percent, 3),

@@ -31,9 +31,9 @@ pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use patch_filter::{
-    InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState, PatchState,
-    PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason, SurfaceReading,
-    VertexSharing, parameter_plane,
+    InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
+    PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason,
+    SurfaceReading, VertexSharing, parameter_plane,
 };
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};

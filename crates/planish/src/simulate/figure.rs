@@ -139,7 +139,13 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
             bottom - (bottom - top) * p[1] / scale[1].end,
         ]
     };
-    text(out, [(left + right) / 2.0, y0 + 22.0], "middle", "font-weight=\"bold\"", &panel.title);
+    text(
+        out,
+        [(left + right) / 2.0, y0 + 22.0],
+        "middle",
+        "font-weight=\"bold\"",
+        &panel.title,
+    );
     for y in scale[1].ticks() {
         let [_, at] = place([0.0, y]);
         line(out, [left, at], [right, at], "#e2e2e2");
@@ -154,7 +160,13 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
     line(out, [left, top], [left, bottom], "#404040");
     text(out, [(left + right) / 2.0, bottom + 36.0], "middle", "", &panel.x_label);
     let turned = format!("transform=\"rotate(-90 {:.1} {:.1})\"", x0 + 16.0, (top + bottom) / 2.0);
-    text(out, [x0 + 16.0, (top + bottom) / 2.0], "middle", &turned, &panel.y_label);
+    text(
+        out,
+        [x0 + 16.0, (top + bottom) / 2.0],
+        "middle",
+        &turned,
+        &panel.y_label,
+    );
     for curve in &panel.curves {
         let points: Vec<[f64; 2]> = curve.points.iter().map(|&p| place(p)).collect();
         let joined: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
@@ -166,14 +178,23 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
             curve.dash
         );
         for [x, y] in points.iter().filter(|_| curve.marked) {
-            let _ = writeln!(out, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"{}\"/>", curve.colour);
+            let _ = writeln!(
+                out,
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"{}\"/>",
+                curve.colour
+            );
         }
     }
     draw_legend(out, panel, [left, right, top, bottom], &place);
 }
 
 /// The names, in the corner that curves leave free.
-fn draw_legend(out: &mut String, panel: &Panel, [left, right, top, bottom]: [f64; 4], place: &dyn Fn([f64; 2]) -> [f64; 2]) {
+fn draw_legend(
+    out: &mut String,
+    panel: &Panel,
+    [left, right, top, bottom]: [f64; 4],
+    place: &dyn Fn([f64; 2]) -> [f64; 2],
+) {
     let (width, height) = (158.0, 15.0 * panel.curves.len() as f64 + 6.0);
     let corners = [
         [left + 8.0, top + 4.0],
@@ -188,7 +209,8 @@ fn draw_legend(out: &mut String, panel: &Panel, [left, right, top, bottom]: [f64
             .flat_map(|c| &c.points)
             .filter(|p| {
                 let [x, y] = place(**p);
-                (corner[0] - 8.0..corner[0] + width + 8.0).contains(&x) && (corner[1] - 8.0..corner[1] + height + 8.0).contains(&y)
+                (corner[0] - 8.0..corner[0] + width + 8.0).contains(&x)
+                    && (corner[1] - 8.0..corner[1] + height + 8.0).contains(&y)
             })
             .count()
     };

@@ -8,7 +8,8 @@
 //! 4, 16 and 64 as in the paper; a closed ball has poles, about which patches are divided all around together, and would compare
 //! other numbers of patches. Readings lie at random in the chart with known parameters; their noise is along the normal and uniform up to
 //! its maximum `m`, so filters are told a variance of `m²/3`, never less than `(0.1 %)²` of the radius. Orientations are tilted by an angle
-//! that is uniform up to its maximum, at the places of the positions, after all of them.
+//! that is uniform up to its maximum, at the places of the positions, after all of them; filters are told `θ/√6` along either tangent, never
+//! less than 0.005 rad, the slope that a single patch misses of a sphere.
 //!
 //! The weight of the smoothness prior is that of restricted likelihood for each set's positions over the undivided patch. Readings come
 //! in `depth + 1` equal parts; after each but the last, patches are divided where curvature varies or innovations are too large. The global filter
@@ -29,8 +30,9 @@ use planish_estimate::{
 };
 use planish_exchange::{check_writable, extension, write_atomically};
 use planish_spline::{
-    CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SubdivisionCriteria,
-    Surface, SurfaceReading, SurfaceSystem, cubic, fit_function, leaf_weights, parameter_plane,
+    CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior,
+    StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function, leaf_weights,
+    parameter_plane,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,8 +50,8 @@ const HALF_OPENING: f64 = PI / 3.0;
 const CELLS: usize = 4;
 /// Readings are never told to be better than this share of the radius.
 const LEAST_SIGMA: f64 = 1e-3;
-/// Orientations are never told to be better than this, in radians.
-const LEAST_TILT: f64 = 1e-3;
+/// Orientations are never told to be better than this, in radians: one patch holds a sphere's slope no better.
+const LEAST_TILT: f64 = 5e-3;
 /// Hold of the prior, per base cell to the fourth: features up to three cells long are left to the energy.
 const HOLD: f64 = 0.01;
 /// Points along each direction of the chart at which errors are taken.
@@ -171,13 +173,17 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
                 .into_par_iter()
                 .map(|set| {
                     // The same places and signs of errors at every noise: curves differ by what is varied alone.
-                    let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(set * 4099 + readings as u64);
+                    let seed = options
+                        .seed
+                        .wrapping_mul(1_000_003)
+                        .wrapping_add(set * 4099 + readings as u64);
                     setting.one_set(seed, readings, noise, &tilts, options.depth)
                 })
                 .collect::<Result<_>>()?;
             rows.extend(average(&sets));
             debug_assert_eq!(rows.len() - begun, sets[0].len());
-            let at = options.readings.iter().position(|&n| n == readings).unwrap_or(0) * options.noise_percent.len() + k;
+            let at =
+                options.readings.iter().position(|&n| n == readings).unwrap_or(0) * options.noise_percent.len() + k;
             progress.check("simulating", (at + 1) as f64 / total)?;
         }
     }
@@ -224,7 +230,14 @@ impl Setting {
         })
     }
 
-    fn one_set(&self, seed: u64, count: usize, noise_percent: f64, tilts_deg: &[f64], depth: u8) -> Result<Vec<SphereRow>> {
+    fn one_set(
+        &self,
+        seed: u64,
+        count: usize,
+        noise_percent: f64,
+        tilts_deg: &[f64],
+        depth: u8,
+    ) -> Result<Vec<SphereRow>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(LEAST_SIGMA);
         let places: Vec<[f64; 2]> = (0..count)
@@ -313,7 +326,11 @@ impl Setting {
 
     /// The weight that restricted likelihood gives the prior, for positions over the undivided patch.
     fn weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
-        let unit = SmoothnessPrior { weight: 1.0, hold: HOLD }.information(&self.system, &self.metric)?;
+        let unit = SmoothnessPrior {
+            weight: 1.0,
+            hold: HOLD,
+        }
+        .information(&self.system, &self.metric)?;
         let space = self.system.space();
         // Departures from the cylinder: one matrix, three right-hand sides.
         let mut data = BlockInformation::zeros(Arc::clone(self.system.pattern()), 1, 3)?;
@@ -337,7 +354,10 @@ impl Setting {
                 .iter()
                 .map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum())
                 .collect();
-            let matrix: Vec<f64> = row.iter().flat_map(|a| row.iter().map(move |b| a * b / variance)).collect();
+            let matrix: Vec<f64> = row
+                .iter()
+                .flat_map(|a| row.iter().map(move |b| a * b / variance))
+                .collect();
             let vector: Vec<f64> = row.iter().flat_map(|a| departure.map(|x| a * x / variance)).collect();
             data.add_element(nodes, &matrix, &vector)?;
         }
@@ -432,7 +452,12 @@ struct Solved {
 }
 
 impl Global {
-    fn new(setting: &Setting, space: &Arc<Hierarchy>, prior: SmoothnessPrior, positions: &[SurfaceReading]) -> Result<Self> {
+    fn new(
+        setting: &Setting,
+        space: &Arc<Hierarchy>,
+        prior: SmoothnessPrior,
+        positions: &[SurfaceReading],
+    ) -> Result<Self> {
         let system = SurfaceSystem::new(space)?;
         let by_leaf = readings_by_leaf(space, positions);
         let mut information = system.accumulate(|leaf, cell| {
@@ -446,7 +471,12 @@ impl Global {
         })?;
         let scalar = prior.information(&system, &setting.metric)?;
         let mut wide = scalar.expanded(3)?;
-        let start: Vec<f64> = setting.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();
+        let start: Vec<f64> = setting
+            .cylinder
+            .refined(Arc::clone(space))?
+            .vertices()
+            .as_flattened()
+            .to_vec();
         let mut vector = vec![0.0; start.len()];
         wide.multiply(&start, &mut vector)?;
         wide.vector_mut().copy_from_slice(&vector);
@@ -492,7 +522,11 @@ impl Global {
         for ([u, v], share) in probes() {
             let (leaf, [s, t]) = space.locate(u, v);
             if let Some(cell) = &cells[leaf] {
-                sum += share * cell.variance_along(&leaf_weights(s, t), on_sphere(u, v)).max(0.0).sqrt();
+                sum += share
+                    * cell
+                        .variance_along(&leaf_weights(s, t), on_sphere(u, v))
+                        .max(0.0)
+                        .sqrt();
                 area += share;
             }
         }
@@ -512,7 +546,9 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> Ve
     let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
     [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]]
         .iter()
-        .map(|[a, b]| std::array::from_fn(|k| (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side))
+        .map(|[a, b]| {
+            std::array::from_fn(|k| (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side)
+        })
         .collect()
 }
 
@@ -618,7 +654,10 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                             of(&|r| r.patch_percent),
                         ));
                         if depth == options.depth {
-                            curves.push(Curve::global(format!("global, depth {depth}"), of(&|r| r.global_percent)));
+                            curves.push(Curve::global(
+                                format!("global, depth {depth}"),
+                                of(&|r| r.global_percent),
+                            ));
                             curves.push(Curve::bound("posterior bound".to_owned(), of(&|r| r.bound_percent)));
                         }
                     }

@@ -51,19 +51,20 @@ pub struct PatchFilterOptions {
     /// Neighbours are not told what lowers a variance by less than this share.
     pub least_gain: f64,
     /// Whether a patch that may yet be divided reckons with the detail that it cannot hold: positions then have the prior's
-    /// variance of that detail besides their own. Without it a patch takes detail for shape of its own and is too sure of it, and so
-    /// are the children that inherit it.
+    /// variance of that detail besides their own. Without it a patch takes detail for shape of its own and may be too sure of it, and so
+    /// may the children that inherit it; with it, patches that are never divided lose what the prior wrongly expects of detail. The
+    /// global filter over the same cells expects none.
     pub expect_detail: bool,
 }
 
 impl Default for PatchFilterOptions {
-    /// Isotropic, depth 3, a least gain of a millionth, detail expected.
+    /// Isotropic, depth 3, a least gain of a millionth; detail is not expected, as the global filter does not.
     fn default() -> Self {
         Self {
             layout: StateLayout::Isotropic,
             maximum_depth: 3,
             least_gain: 1e-6,
-            expect_detail: true,
+            expect_detail: false,
         }
     }
 }
@@ -196,15 +197,7 @@ impl PatchFilter {
                 })
             })
             .collect::<Result<_>>()?;
-        Self::assemble(
-            initial.clone(),
-            metric.clone(),
-            prior,
-            options,
-            quadtree,
-            members,
-            0,
-        )
+        Self::assemble(initial.clone(), metric.clone(), prior, options, quadtree, members, 0)
     }
 
     pub(super) fn assemble(
@@ -495,7 +488,8 @@ impl PatchFilter {
                 let from = &self.members[from];
                 let detail = positive_part(&prior - &alpha * &from.prior * alpha.transpose());
                 let carry = expanded(&alpha, layout);
-                let covariance = &carry * from.belief.covariance_matrix() * carry.transpose() + expanded(&detail, layout);
+                let covariance =
+                    &carry * from.belief.covariance_matrix() * carry.transpose() + expanded(&detail, layout);
                 Ok(Member {
                     belief: PatchBelief::from_matrices(&(carry * from.belief.mean_matrix()), &covariance),
                     before: None,

@@ -182,7 +182,12 @@ impl SurfaceReading {
             Self::PositionWithCovariance { point, covariance, .. } => {
                 let (axes, values) = symmetric_eigen(covariance);
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
-                    *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
+                    *to = Some(Equation::along(
+                        leaf_weights(s, t),
+                        axis,
+                        dot(axis, point),
+                        value.max(0.0),
+                    ));
                 }
             }
             Self::Along {
@@ -247,7 +252,9 @@ struct TangentFrame {
 impl TangentFrame {
     fn of(jet: &Jet) -> Result<Self> {
         let singular = || {
-            Error::undetermined("the surface has no tangent plane yet where a normal or a curvature was measured: give positions first")
+            Error::undetermined(
+                "the surface has no tangent plane yet where a normal or a curvature was measured: give positions first",
+            )
         };
         let t1 = unit(jet.du).ok_or_else(singular)?;
         let (l, m) = (norm(jet.du), dot(jet.dv, t1));

@@ -222,7 +222,10 @@ fn heights_are_the_third_coordinate_of_positions() {
     };
     heights.observe(&slanted).unwrap();
     assert!((heights.surface().unwrap().point(1.3, 2.2)[2] - 0.25).abs() < 1e-6);
-    assert!(points.observe(&slanted).is_err(), "coordinates would no longer share a covariance");
+    assert!(
+        points.observe(&slanted).is_err(),
+        "coordinates would no longer share a covariance"
+    );
 }
 
 /// A strip has no loops: messages carry all there is, once or in parts.
@@ -274,6 +277,71 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
         assert!(mean < 0.5, "weight {weight}: {mean} σ from the global mean");
         assert!(sigma < 0.25, "weight {weight}: σ differs by {sigma}");
     }
+}
+
+/// A filter that expects detail is never surer than one that does not, and as sure where patches have their last depth.
+#[test]
+fn detail_that_may_come_widens_sigma() {
+    let plane = plane([4, 4]);
+    let filter = |expect_detail: bool| {
+        let options = PatchFilterOptions {
+            maximum_depth: 1,
+            expect_detail,
+            ..PatchFilterOptions::default()
+        };
+        PatchFilter::new(&plane, &plane, PRIOR, options).unwrap()
+    };
+    let (mut plain, mut careful) = (filter(false), filter(true));
+    let z = [0.0, 0.0, 1.0];
+    for reading in positions([4, 4], 50, 0.02, 37) {
+        plain.observe(&reading).unwrap();
+        careful.observe(&reading).unwrap();
+    }
+    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    assert!(ratio > 1.5, "{ratio}");
+    for filter in [&mut plain, &mut careful] {
+        filter.divide(&[filter.patches()[0]]).unwrap();
+        let reading = SurfaceReading::Position {
+            parameters: [1.7, 2.4],
+            point: [1.7, 2.4, 0.0],
+            variance: 1e-8,
+        };
+        filter.observe(&reading).unwrap();
+    }
+    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    assert!(
+        (ratio - 1.0).abs() < 0.01,
+        "the last depth holds all detail there is: {ratio}"
+    );
+}
+
+/// What was learned without directions stays when directions come.
+#[test]
+fn the_full_layout_goes_on_from_the_isotropic_one() {
+    let mut isotropic = filter([8, 4], StateLayout::Isotropic, PRIOR);
+    let mut full = filter([8, 4], StateLayout::Full, PRIOR);
+    for reading in positions([8, 4], 40, 0.05, 41) {
+        isotropic.observe(&reading).unwrap();
+        full.observe(&reading).unwrap();
+    }
+    let mut widened = isotropic.with_full_layout().unwrap();
+    let slanted = SurfaceReading::Along {
+        parameters: [5.0, 2.0],
+        direction: [0.6, 0.0, 0.8],
+        value: 3.1,
+        variance: 1e-4,
+    };
+    for filter in [&mut widened, &mut full] {
+        filter.observe(&slanted).unwrap();
+        filter.reconcile().unwrap();
+    }
+    for (u, v) in [(1.0, 1.0), (4.1, 3.0), (7.0, 2.0)] {
+        let (a, b) = (widened.jet(u, v).point, full.jet(u, v).point);
+        assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-5), "{a:?} {b:?}");
+        assert!((widened.sigma(u, v).unwrap() / full.sigma(u, v).unwrap() - 1.0).abs() < 1e-5);
+    }
+    let heights = filter([4, 4], StateLayout::Height, PRIOR);
+    assert!(heights.with_full_layout().is_err());
 }
 
 /// In the stiff limit every reading counts once everywhere, though patches form loops.
@@ -347,7 +415,10 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         let child = filter.belief(p).covariance_matrix();
         let rank = |m: &DMatrix<f64>| {
             let values = m.clone().symmetric_eigen().eigenvalues;
-            assert!(values.min() > -1e-10 * values.amax(), "a covariance must not be indefinite");
+            assert!(
+                values.min() > -1e-10 * values.amax(),
+                "a covariance must not be indefinite"
+            );
             values.iter().filter(|&&x| x > 1e-10 * values.amax()).count()
         };
         assert_eq!(rank(&printed), 25, "eq. 18 alone: the rank of the parent's quarter");
@@ -358,7 +429,10 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
     for k in 0..50 {
         let (u, v) = (0.077 * f64::from(k), 4.0 - 0.08 * f64::from(k));
         let (a, b) = (before.point(u, v), after.point(u, v));
-        assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-9), "division does not move the surface");
+        assert!(
+            (0..3).all(|d| (a[d] - b[d]).abs() < 1e-9),
+            "division does not move the surface"
+        );
     }
     // The children's prior is that of the finer space: α Σ_prior αᵀ + Q.
     let global = Global::of(filter.space(), PRIOR).solve();
@@ -368,7 +442,10 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         fresh
     };
     let (mean, sigma) = differences(&fresh, &global, [0.0, 0.0, 1.0]);
-    assert!(mean < 1e-7 && sigma < 1e-7, "patch and global prior agree: {mean:e} {sigma:e}");
+    assert!(
+        mean < 1e-7 && sigma < 1e-7,
+        "patch and global prior agree: {mean:e} {sigma:e}"
+    );
 }
 
 /// Patches of two levels side by side: the prior of every patch is that of the truncated hierarchy, before and after grading lets go.
@@ -412,11 +489,18 @@ fn neighbours_share_the_same_numbers_on_any_surface() {
                         row.iter().map(|&(k, w)| w * c[usize::from(k)][d]).sum()
                     };
                     let difference = value(a, &of[0]) - value(b, &of[1]);
-                    assert!(difference.abs() < 1e-10, "{shape:?} {:?}: {difference}", separator.patches);
+                    assert!(
+                        difference.abs() < 1e-10,
+                        "{shape:?} {:?}: {difference}",
+                        separator.patches
+                    );
                 }
             }
         }
-        assert!(mixed > 0 || shape == Shape::Ball, "{shape:?} has neighbours of two levels");
+        assert!(
+            mixed > 0 || shape == Shape::Ball,
+            "{shape:?} has neighbours of two levels"
+        );
     }
 }
 
@@ -470,7 +554,10 @@ fn a_resumed_filter_goes_on_to_the_last_bit() {
     assert_eq!(filter.state(), resumed.state());
     let mut broken = filter.state();
     broken.patches.pop();
-    assert!(PatchFilter::from_state(&broken).is_err(), "a missing patch must be refused");
+    assert!(
+        PatchFilter::from_state(&broken).is_err(),
+        "a missing patch must be refused"
+    );
 }
 
 #[test]
@@ -581,15 +668,21 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
             divided.extend(now);
         }
         let bumpy = Patch { depth: 0, i: 0, j: 0 };
-        let reason = divided.iter().find(|s| s.patch == bumpy).expect("the bump's patch is divided").reason;
+        let reason = divided
+            .iter()
+            .find(|s| s.patch == bumpy)
+            .expect("the bump's patch is divided")
+            .reason;
         match curvature {
             true => assert!(matches!(reason, SubdivisionReason::CurvatureVariation(x) if x > 0.5)),
             false => assert!(matches!(reason, SubdivisionReason::ChiSquare(x) if x > 3.0)),
         }
-        if !curvature {
+        {
             let plain = Patch { depth: 0, i: 1, j: 1 };
             assert!(
-                divided.iter().all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
+                divided
+                    .iter()
+                    .all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
                 "the flat corner stays whole"
             );
         }

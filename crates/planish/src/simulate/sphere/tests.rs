@@ -34,9 +34,15 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
         }
         let (coarse, fine) = (find(noise, None, 0), find(noise, None, 1));
         assert_eq!(coarse.leaf_patches, 1.0);
-        assert!(fine.patch_percent < 1.1 * coarse.patch_percent, "{fine:?} after {coarse:?}");
+        assert!(
+            fine.patch_percent < 1.1 * coarse.patch_percent,
+            "{fine:?} after {coarse:?}"
+        );
         // One patch is the global filter.
-        assert!((coarse.patch_percent / coarse.global_percent - 1.0).abs() < 0.02, "{coarse:?}");
+        assert!(
+            (coarse.patch_percent / coarse.global_percent - 1.0).abs() < 0.02,
+            "{coarse:?}"
+        );
     }
     assert!(find(2.0, None, 0).patch_percent < find(6.0, None, 0).patch_percent);
     assert!(find(6.0, Some(0.0), 0).patch_percent < find(6.0, Some(5.0), 0).patch_percent);
@@ -59,13 +65,20 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     assert!(table.starts_with("readings,noise_percent,orientation_deg,depth,leaf_patches,patch_percent"));
     assert!(drawing.starts_with("<svg") && drawing.ends_with("</svg>\n"));
     assert!(drawing.contains("maximum position noise / % of the radius") && !drawing.contains("NaN"));
-    assert_eq!(rows, sphere(&small, &Silent).unwrap(), "the same seed gives the same numbers");
+    assert_eq!(
+        rows,
+        sphere(&small, &Silent).unwrap(),
+        "the same seed gives the same numbers"
+    );
 
     let wrong = folder.path().join("a.png");
     let refused = write_sphere(&small, std::slice::from_ref(&wrong), &Silent).unwrap_err();
     assert_eq!(refused.kind(), ErrorKind::Unsupported);
     for bad in [
-        SphereOptions { sets: 0, ..small.clone() },
+        SphereOptions {
+            sets: 0,
+            ..small.clone()
+        },
         SphereOptions {
             readings: vec![5],
             ..small.clone()

@@ -21,10 +21,15 @@ fn two_segments() -> (PatchBelief, [PatchBelief; 2], DMatrix<f64>) {
     let before = PatchBelief::from_matrices(&DMatrix::zeros(5, 1), &part(&prior, 0));
     let mut after = [0, 3].map(|from| PatchBelief::from_matrices(&DMatrix::zeros(5, 1), &part(&prior, from)));
     let mut workspace = Workspace::default();
-    let readings: [&[(u16, f64, f64)]; 2] = [&[(0, 1.0, 0.1), (4, 1.3, 0.2), (2, 0.7, 0.05)], &[(1, 1.8, 0.1), (4, 2.0, 0.3)]];
+    let readings: [&[(u16, f64, f64)]; 2] = [
+        &[(0, 1.0, 0.1), (4, 1.3, 0.2), (2, 0.7, 0.05)],
+        &[(1, 1.8, 0.1), (4, 2.0, 0.3)],
+    ];
     for (belief, own) in after.iter_mut().zip(readings) {
         for &(at, z, r) in own {
-            belief.update(&vec![(at, 1.0)], [z, 0.0, 0.0], r, &mut workspace).unwrap();
+            belief
+                .update(&vec![(at, 1.0)], [z, 0.0, 0.0], r, &mut workspace)
+                .unwrap();
         }
     }
     for (side, own) in readings.iter().enumerate() {
@@ -48,8 +53,14 @@ fn what_a_neighbour_is_told_makes_it_the_joint_estimate() {
     message.give(&mut told, &rows(0), &mut Workspace::default()).unwrap();
     let expected = joint.view((3, 3), (5, 5));
     let difference = (told.covariance_matrix() - expected).amax();
-    assert!(difference < 1e-9 * expected.amax(), "interior and cross terms too: {difference:e}");
-    assert!(Message::between(&first, &first, &rows(3), 1e-12).is_empty(), "nothing learned, nothing to tell");
+    assert!(
+        difference < 1e-9 * expected.amax(),
+        "interior and cross terms too: {difference:e}"
+    );
+    assert!(
+        Message::between(&first, &first, &rows(3), 1e-12).is_empty(),
+        "nothing learned, nothing to tell"
+    );
 }
 
 /// With the printed cross term, and the interior left as it was, the assembled covariance is indefinite.
@@ -95,14 +106,16 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
         let angle = f64::from(k) * 0.0157;
         let (s, c) = angle.sin_cos();
         let turn = DMatrix::from_row_slice(2, 2, &[c, -s, s, c]);
-        let shared_j = &turn * DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1e-4, 10.0])) * turn.transpose();
+        let shared_j =
+            &turn * DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1e-4, 10.0])) * turn.transpose();
         let inverse_sum = (&shared_i + &shared_j).try_inverse().unwrap();
         let fused = &shared_i * &inverse_sum * &shared_j;
         let cross = &cross * &shared_j * &inverse_sum;
         let mut m = printed.clone();
         m.view_mut((0, 3), (3, 2)).copy_from(&cross);
         m.view_mut((3, 0), (2, 3)).copy_from(&cross.transpose());
-        m.view_mut((3, 3), (2, 2)).copy_from(&(0.5 * (&fused + fused.transpose())));
+        m.view_mut((3, 3), (2, 2))
+            .copy_from(&(0.5 * (&fused + fused.transpose())));
         least(&m) < -1e-3 * m.amax()
     });
     assert!(worse, "the printed eq. 22 never was indefinite");
