@@ -18,6 +18,7 @@ fn help_of_every_command() {
         ("info", &["info", "--help"]),
         ("simulate", &["simulate", "--help"]),
         ("simulate_scene", &["simulate", "scene", "--help"]),
+        ("simulate_sphere", &["simulate", "sphere", "--help"]),
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
@@ -32,7 +33,7 @@ fn the_version_is_that_of_the_package() {
 #[test]
 fn examples_of_the_help_are_commands_that_parse() {
     // Files that do not exist are file trouble (3); what does not parse is wrong use (2).
-    for command in ["fit", "compare", "info", "simulate scene scans"] {
+    for command in ["fit", "compare", "info", "simulate scene scans", "simulate sphere"] {
         let mut args: Vec<&str> = command.split(' ').collect();
         args.push("--help");
         let text = help(&args);

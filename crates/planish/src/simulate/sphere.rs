@@ -11,8 +11,9 @@
 //! that is uniform up to its maximum, at the places of the positions, after all of them; filters are told `θ/√6` along either tangent, never
 //! less than 0.005 rad, the slope that a single patch misses of a sphere.
 //!
-//! The weight of the smoothness prior is that of restricted likelihood for each set's positions over the undivided patch. Readings come
-//! in `depth + 1` equal parts; after each but the last, patches are divided where curvature varies or innovations are too large. The global filter
+//! The weight of the smoothness prior is that of restricted likelihood for each set's positions over patches divided twice, or as often as
+//! is asked for: one prior for all depths. Readings come in `depth + 1` equal parts; after each but the last, patches are divided where curvature
+//! varies by the paper's criterion (without units, but noise is not discounted, or a sphere would never be divided) or innovations are too large. The global filter
 //! has the same leaf cells and all the readings. The posterior bound is the mean of `√(2/π) σ` over the area, σ along the normal by the
 //! global filter: what the mean absolute error would be were the sphere drawn from the prior.
 //!
@@ -54,6 +55,8 @@ const LEAST_SIGMA: f64 = 1e-3;
 const LEAST_TILT: f64 = 5e-3;
 /// Hold of the prior, per base cell to the fourth: features up to three cells long are left to the energy.
 const HOLD: f64 = 0.01;
+/// The weight of the prior is found over patches divided this often: what finer ones add to a sphere is not seen.
+const WEIGHT_DEPTH: u8 = 2;
 /// Points along each direction of the chart at which errors are taken.
 const PROBES: usize = 24;
 /// Maximum position noise at which orientations of several errors are compared, in per cent.
@@ -157,7 +160,7 @@ impl SphereOptions {
 /// `Input` for options out of range; `Interrupted`.
 pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<SphereRow>> {
     options.validate()?;
-    let setting = Setting::new()?;
+    let setting = Setting::new(options.depth)?;
     let mut rows = Vec::new();
     let total = (options.readings.len() * options.noise_percent.len()) as f64;
     for &readings in &options.readings {
@@ -207,6 +210,7 @@ fn average(sets: &[Vec<SphereRow>]) -> Vec<SphereRow> {
 struct Setting {
     cylinder: Surface,
     metric: Surface,
+    /// Over the space in which the weight of the prior is found.
     system: SurfaceSystem,
 }
 
@@ -217,16 +221,20 @@ fn on_sphere(u: f64, v: f64) -> [f64; 3] {
 }
 
 impl Setting {
-    fn new() -> Result<Self> {
+    fn new(depth: u8) -> Result<Self> {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [CELLS; 2])?);
         let cylinder = fit_function(&space, |u, v| {
             let [a, b] = [u, v].map(|x| (2.0 * x / CELLS as f64 - 1.0) * HALF_OPENING);
             [a.sin(), b, a.cos()]
         })?;
+        let mut finest = Hierarchy::clone(&space);
+        for _ in 0..depth.min(WEIGHT_DEPTH) {
+            finest = finest.refine_all();
+        }
         Ok(Self {
             cylinder,
             metric: parameter_plane(&space)?,
-            system: SurfaceSystem::new(&space)?,
+            system: SurfaceSystem::new(&Arc::new(finest))?,
         })
     }
 
@@ -311,20 +319,24 @@ impl Setting {
             ..PatchFilterOptions::default()
         };
         let mut filter = PatchFilter::new(&self.cylinder, &self.metric, prior, options)?;
+        let criteria = SubdivisionCriteria {
+            discount_noise: false,
+            ..SubdivisionCriteria::default()
+        };
         let parts = usize::from(depth) + 1;
         for part in 0..parts {
             for reading in &positions[part * positions.len() / parts..(part + 1) * positions.len() / parts] {
                 filter.observe(reading)?;
             }
             if part + 1 < parts {
-                filter.refine(&SubdivisionCriteria::default())?;
+                filter.refine(&criteria)?;
             }
         }
         filter.reconcile()?;
         Ok(filter)
     }
 
-    /// The weight that restricted likelihood gives the prior, for positions over the undivided patch.
+    /// The weight that restricted likelihood gives the prior, which all depths share.
     fn weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
         let unit = SmoothnessPrior {
             weight: 1.0,
@@ -346,7 +358,7 @@ impl Setting {
             };
             let (leaf, [s, t]) = space.locate(u, v);
             let (nodes, weights) = space.extraction(leaf);
-            let at = self.cylinder.leaf_point(leaf, s, t);
+            let at = self.cylinder.point(u, v);
             let departure = [0, 1, 2].map(|d| point[d] - at[d]);
             squares += departure.iter().map(|x| x * x).sum::<f64>() / variance;
             let c = leaf_weights(s, t);
@@ -487,7 +499,7 @@ impl Global {
         })
     }
 
-    /// Adds orientations, `n · S_1 = n · S_2 = 0` along orthonormal tangents of the surface that positions gave.
+    /// Adds orientations, `n · t1 = n · t2 = 0`, linearised at the surface that positions gave.
     fn add_normals(&mut self, normals: &[SurfaceReading], at: &Surface) -> Result<()> {
         let by_leaf = readings_by_leaf(self.system.space(), normals);
         let added = self.system.accumulate(|leaf, cell: &mut CellInformation| {
@@ -496,8 +508,16 @@ impl Global {
                     continue;
                 };
                 let jet = at.leaf_jet(leaf, local[0], local[1]);
-                for weights in tangent_weights(at, leaf, *local, &jet) {
-                    cell.add_scalar(&weights, *normal, 0.0, 1.0 / (sigma_rad * sigma_rad));
+                let Some(own) = jet.normal() else { continue };
+                let facing = dot(*normal, own);
+                for (weights, tangent) in tangent_weights(at, leaf, *local, &jet) {
+                    // The gradient of n · t for a unit tangent t, as the patch filter has it.
+                    cell.add_scalar(
+                        &weights,
+                        own.map(|x| facing * x),
+                        -dot(*normal, tangent),
+                        1.0 / (sigma_rad * sigma_rad),
+                    );
                 }
             }
             !by_leaf[leaf].is_empty()
@@ -537,19 +557,18 @@ impl Global {
     }
 }
 
-/// Weights of the derivatives along two orthonormal tangents.
-fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> Vec<[f64; 16]> {
+/// Two orthonormal tangents, and the weights of the derivatives along them.
+fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [([f64; 16], [f64; 3]); 2] {
     let side = at.space().leaves()[leaf].side();
     let (bu, bv) = (cubic(s), cubic(t));
     let l = norm(jet.du);
     let m = dot(jet.du, jet.dv) / l;
     let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
-    [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]]
-        .iter()
-        .map(|[a, b]| {
-            std::array::from_fn(|k| (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side)
-        })
-        .collect()
+    [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]].map(|[a, b]| {
+        let weights =
+            std::array::from_fn(|k| (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side);
+        (weights, [0, 1, 2].map(|d| a * jet.du[d] + b * jet.dv[d]))
+    })
 }
 
 /// Simulates and writes: `.csv` holds the rows, `.svg` draws them.
