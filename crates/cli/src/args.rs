@@ -307,6 +307,9 @@ pub struct SphereArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=4),
           allow_negative_numbers = true, help_heading = "Sphere")]
     pub depth: u8,
+    /// Divide patches for curvature that varies within its own σ too
+    #[arg(long, help_heading = "Sphere")]
+    pub noise_divides: bool,
     /// Maximum error of the orientations, in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true,
           help_heading = "Sphere")]

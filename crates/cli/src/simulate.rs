@@ -53,6 +53,7 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         },
         depth: args.depth,
         orientation_deg: args.orientation_deg,
+        noise_divides: args.noise_divides,
         ..usual
     };
     let rows = write_sphere(&options, &args.out, progress)?;
