@@ -23,13 +23,15 @@ pub(super) struct Curve {
     colour: &'static str,
     dash: &'static str,
     marked: bool,
+    width: f64,
     points: Vec<[f64; 2]>,
 }
 
 impl Curve {
-    /// A solid line with markers, coloured by a number.
-    pub fn patch(number: usize, name: String, points: Vec<[f64; 2]>) -> Self {
+    /// A solid line with markers, coloured by a number; the wider the more lines come after it, so that lines at one place show as bands.
+    pub fn patch(number: usize, after: usize, name: String, points: Vec<[f64; 2]>) -> Self {
         Self {
+            width: 1.8 + 2.4 * after as f64,
             name,
             colour: COLOURS[number % COLOURS.len()],
             dash: "",
@@ -41,6 +43,7 @@ impl Curve {
     /// A dashed black line.
     pub fn global(name: String, points: Vec<[f64; 2]>) -> Self {
         Self {
+            width: 1.3,
             name,
             colour: "#000000",
             dash: "7 4",
@@ -52,6 +55,7 @@ impl Curve {
     /// A dotted grey line.
     pub fn bound(name: String, points: Vec<[f64; 2]>) -> Self {
         Self {
+            width: 1.8,
             name,
             colour: "#707070",
             dash: "1.5 4",
@@ -172,15 +176,17 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
         let joined: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         let _ = writeln!(
             out,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.8\" stroke-linecap=\"round\" stroke-dasharray=\"{}\"/>",
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linecap=\"round\" stroke-dasharray=\"{}\"/>",
             joined.join(" "),
             curve.colour,
+            curve.width,
             curve.dash
         );
         for [x, y] in points.iter().filter(|_| curve.marked) {
             let _ = writeln!(
                 out,
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"{}\"/>",
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"{}\"/>",
+                0.8 + curve.width,
                 curve.colour
             );
         }

@@ -677,6 +677,7 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                         let of = |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
                         curves.push(Curve::patch(
                             usize::from(depth),
+                            usize::from(options.depth - depth),
                             format!("depth {depth}: {leaves:.1} patches"),
                             of(&|r| r.patch_percent),
                         ));
