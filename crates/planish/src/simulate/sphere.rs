@@ -633,36 +633,41 @@ fn csv(rows: &[SphereRow]) -> String {
     text
 }
 
+/// What a row of panels shows: which rows of the table, over which of their numbers.
+struct Sort<'a> {
+    title: String,
+    axis: &'static str,
+    wanted: &'a dyn Fn(&SphereRow) -> bool,
+    x: &'a dyn Fn(&SphereRow) -> f64,
+}
+
 /// One panel for each number of readings and each sort of experiment.
 fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
     let tilt = options.orientation_deg;
-    let sorts: [(&str, &str, &dyn Fn(&SphereRow) -> bool, &dyn Fn(&SphereRow) -> f64); 3] = [
-        (
-            "positions alone",
-            "maximum position noise / % of the radius",
-            &|r| r.orientation_deg.is_none(),
-            &|r| r.noise_percent,
-        ),
-        (
-            &format!("and orientations to {tilt}°"),
-            "maximum position noise / % of the radius",
-            &move |r| r.orientation_deg == Some(tilt),
-            &|r| r.noise_percent,
-        ),
-        (
-            &format!("position noise {COMPARED_NOISE} %"),
-            "maximum orientation error / °",
-            &|r| {
-                r.noise_percent == COMPARED_NOISE
-                    && r.orientation_deg
-                        .is_some_and(|t| options.compared_orientations_deg.contains(&t))
-            },
-            &|r| r.orientation_deg.unwrap_or(0.0),
-        ),
+    let compared = &options.compared_orientations_deg;
+    let sorts = [
+        Sort {
+            title: "positions alone".to_owned(),
+            axis: "maximum position noise / % of the radius",
+            wanted: &|r| r.orientation_deg.is_none(),
+            x: &|r| r.noise_percent,
+        },
+        Sort {
+            title: format!("and orientations to {tilt}°"),
+            axis: "maximum position noise / % of the radius",
+            wanted: &|r| r.orientation_deg == Some(tilt),
+            x: &|r| r.noise_percent,
+        },
+        Sort {
+            title: format!("position noise {COMPARED_NOISE} %"),
+            axis: "maximum orientation error / °",
+            wanted: &|r| r.noise_percent == COMPARED_NOISE && r.orientation_deg.is_some_and(|t| compared.contains(&t)),
+            x: &|r| r.orientation_deg.unwrap_or(0.0),
+        },
     ];
     sorts
         .iter()
-        .map(|(title, axis, wanted, x)| {
+        .map(|Sort { title, axis, wanted, x }| {
             options
                 .readings
                 .iter()

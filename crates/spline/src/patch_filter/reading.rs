@@ -95,6 +95,10 @@ pub(super) struct Equation {
 }
 
 #[derive(Debug, Clone, Copy)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "it lives on the stack for one reading; a box would take memory at every update"
+)]
 pub(super) enum EquationKind {
     /// `Σ c_k P_k = z`, each coordinate by itself.
     Point([f64; 16], [f64; 3]),
