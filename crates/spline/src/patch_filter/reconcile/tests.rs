@@ -28,7 +28,7 @@ fn two_segments() -> (PatchBelief, [PatchBelief; 2], DMatrix<f64>) {
     for (belief, own) in after.iter_mut().zip(readings) {
         for &(at, z, r) in own {
             belief
-                .update(&vec![(at, 1.0)], [z, 0.0, 0.0], r, &mut workspace)
+                .update(&[(at, 1.0)], [z, 0.0, 0.0], r, &mut workspace)
                 .unwrap();
         }
     }
