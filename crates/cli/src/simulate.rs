@@ -1,10 +1,13 @@
 //! `planish simulate`.
 
-use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated};
+use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
-use planish::simulate::{ScanSceneOptions, ScanSceneSummary, TruthSummary, write_scans_scene};
+use planish::simulate::{
+    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene,
+    write_sphere,
+};
 use planish::{Result, Unit};
 use serde::Serialize;
 
@@ -20,9 +23,94 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SimulateArgs) -> u8 {
-    let Simulated::Scene(scene) = &args.what;
-    let Scene::Scans(args) = &scene.scene;
-    report::run("simulate scene scans", &args.common, |progress| scans(args, progress))
+    match &args.what {
+        Simulated::Scene(scene) => {
+            let Scene::Scans(args) = &scene.scene;
+            report::run("simulate scene scans", &args.common, |progress| scans(args, progress))
+        }
+        Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
+    }
+}
+
+/// The keys of `simulate sphere` beside the common ones.
+#[derive(Serialize)]
+struct SphereBody {
+    rows: Vec<SphereRow>,
+    columns: [&'static str; SPHERE_COLUMNS.len()],
+    warnings: [String; 0],
+    termination: &'static str,
+}
+
+fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBody>> {
+    let usual = SphereOptions::default();
+    let options = SphereOptions {
+        seed: args.common.seed,
+        sets: args.sets,
+        readings: if args.readings.is_empty() {
+            usual.readings.clone()
+        } else {
+            args.readings.clone()
+        },
+        depth: args.depth,
+        orientation_deg: args.orientation_deg,
+        noise_divides: args.noise_divides,
+        ..usual
+    };
+    let rows = write_sphere(&options, &args.out, progress)?;
+    Ok(Summary {
+        text: sphere_text(args, &options, &rows),
+        unit: None,
+        inputs: Vec::new(),
+        outputs: args.out.clone(),
+        warnings: Vec::new(),
+        body: SphereBody {
+            rows,
+            columns: SPHERE_COLUMNS,
+            warnings: [],
+            termination: "converged",
+        },
+    })
+}
+
+fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -> String {
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "Found a sphere again from {} sets of readings for each point of a curve. Mean errors in % of the radius:",
+        count(options.sets)
+    ));
+    lines.gap();
+    let table: Vec<Vec<String>> = rows
+        .iter()
+        .filter(|row| row.depth == options.depth)
+        .map(|row| {
+            vec![
+                count(row.readings),
+                significant(row.noise_percent, 2),
+                row.orientation_deg
+                    .map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
+                significant(row.leaf_patches, 3),
+                significant(row.patch_percent, 3),
+                significant(row.global_percent, 3),
+                significant(row.bound_percent, 3),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("readings", Align::Right),
+            ("noise / %", Align::Right),
+            ("orientations / °", Align::Right),
+            ("patches", Align::Right),
+            ("patch filter", Align::Right),
+            ("global", Align::Right),
+            ("bound", Align::Right),
+        ],
+        &table,
+    );
+    lines.gap();
+    let names: Vec<String> = args.out.iter().map(|path| path.display().to_string()).collect();
+    lines.line(format!("Wrote {}.", names.join(", ")));
+    lines.into_text()
 }
 
 fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {

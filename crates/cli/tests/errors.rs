@@ -221,6 +221,12 @@ fn wrong_use() {
         "simulate scene scans --out s --sigma 50",
         "simulate scene scans --out s --misstated 0",
         "simulate scene scans --out good.xyz",
+        "simulate sphere",
+        "simulate sphere -o figure.png",
+        "simulate sphere -o figure.csv --sets 0",
+        "simulate sphere -o figure.csv --depth 9",
+        "simulate sphere -o figure.csv --readings 3",
+        "simulate sphere -o figure.csv --orientation-deg 90",
     ];
     insta::assert_snapshot!(refusals(folder.path(), &lines));
 }

@@ -16,12 +16,14 @@ fn help_of_every_command() {
         ("fit", &["fit", "--help"]),
         ("compare", &["compare", "--help"]),
         ("info", &["info", "--help"]),
+        ("next", &["next", "--help"]),
         ("sense", &["sense", "--help"]),
         ("sense_stereo", &["sense", "stereo", "--help"]),
         ("sense_photometric", &["sense", "photometric", "--help"]),
         ("sense_depth", &["sense", "depth", "--help"]),
         ("simulate", &["simulate", "--help"]),
         ("simulate_scene", &["simulate", "scene", "--help"]),
+        ("simulate_sphere", &["simulate", "sphere", "--help"]),
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
@@ -43,7 +45,9 @@ fn examples_of_the_help_are_commands_that_parse() {
         "sense stereo",
         "sense photometric",
         "sense depth",
+        "next",
         "simulate scene scans",
+        "simulate sphere",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();
         args.push("--help");

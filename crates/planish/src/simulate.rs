@@ -8,6 +8,8 @@
 //! | form | smooth freeform surfaces in closed form |
 //! | truth | any known surface: points, normals, samples, distances |
 //! | virtual_sensor | range scanners and touch probes that measure it |
+//! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
+//! | figure | line charts as SVG |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //!
 //! ```
@@ -21,9 +23,11 @@
 //! # }
 //! ```
 
+mod figure;
 mod form;
 mod scans;
 mod second_order;
+mod sphere;
 mod truth;
 mod virtual_sensor;
 
@@ -35,5 +39,6 @@ pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TruthSummary, scans, write_scan_scene,
     write_scans_scene,
 };
+pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

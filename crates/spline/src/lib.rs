@@ -14,6 +14,7 @@ mod foot;
 mod geometry;
 mod hierarchy;
 mod moments;
+mod patch_filter;
 mod refinement;
 mod surface;
 mod system;
@@ -30,6 +31,11 @@ pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
+pub use patch_filter::{
+    InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
+    PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason,
+    SurfaceReading, VertexSharing, parameter_plane,
+};
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

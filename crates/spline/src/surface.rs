@@ -197,7 +197,7 @@ pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
 
 /// The jet of sixteen coefficients; `h` is one over the leaf's side.
 #[inline(always)]
-fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
+pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
     let mut sums = [[0.0; 4]; 6];
     for r in 0..4 {

@@ -1,0 +1,215 @@
+//! Reconciliation of neighbouring patches at what they share, without counting anything twice.
+//!
+//! Comes in: what a patch believed of the shared vertices before and after its own readings. Goes out: a [`Message`], the
+//! *new* information alone, and the neighbour's belief after it. This is the channel filter: information that both had in
+//! common, the prior and what was inherited from one parent, cancels in the difference.
+//!
+//! With `s = G x` the shared vertices, `(Σ⁻, μ⁻)` and `(Σ⁺, μ⁺)` what the sender believes of them before and after, the new information is
+//! `Λ = (Σ⁺)⁻¹ − (Σ⁻)⁻¹`. It is found in the whitened frame of `Σ⁻ = L Lᵀ`, where `L⁻¹ (Σ⁻ − Σ⁺) L⁻ᵀ` has eigenvalues
+//! `γ ∈ [0, 1)` with vectors `q`: each is one scalar reading
+//!
+//! ```text
+//! qᵀL⁻¹ s = qᵀL⁻¹ (μ⁻ + (μ⁺ − μ⁻)/γ),    variance (1 − γ)/γ,
+//! ```
+//!
+//! independent of the others. The receiver takes them in as it takes in any reading, so its interior moves with the shared vertices:
+//! mean by `Σ_is Σ_ss⁻¹ δ`, cross covariance and own covariance too. That is eq. 20–22 of the paper with three corrections: what is common
+//! is removed first (eq. 21 as printed halves the variance of two children that hold the same information); the cross term is
+//! `Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j` (eq. 22 as printed is transposed and gives indefinite covariances); and the interior is updated (as printed it
+//! is not).
+//!
+//! Not guaranteed: optimality where patches form a loop. On a chain of patches, messages carry all there is; in a grid each
+//! reading reaches each patch once, by one way, and what would come by other ways is left out.
+//!
+//! # References
+//! Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, Control Engineering Practice 1994 (channel filter);
+//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, 1994, eq. 19–22.
+
+use super::belief::{PatchBelief, Workspace};
+use super::quadtree::{Quadtree, SparseRow};
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::Result;
+use std::collections::VecDeque;
+
+/// Directions in which the sender is surer than this share of its largest variance are left out: rounding rules there.
+const LEAST_VARIANCE: f64 = 1e-11;
+
+/// New information about shared vertices: independent scalar readings of them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Message {
+    readings: Vec<SharedReading>,
+}
+
+#[derive(Debug, Clone)]
+struct SharedReading {
+    /// Over the shared vertices.
+    row: Vec<f64>,
+    value: [f64; 3],
+    variance: f64,
+}
+
+impl Message {
+    /// What the sender learned of the shared functions `rows` between two of its beliefs; shares of variance below `least_gain` are
+    /// left out. Cost: two symmetric eigenproblems of the size of what is shared.
+    pub fn between(before: &PatchBelief, after: &PatchBelief, rows: &[SparseRow], least_gain: f64) -> Self {
+        let old = shared_covariance(before, rows);
+        let lost = &old - shared_covariance(after, rows);
+        if lost.amax() <= 1e-15 * old.amax() {
+            return Self::default();
+        }
+        let eigen = old.symmetric_eigen();
+        let largest = eigen.eigenvalues.amax();
+        let kept: Vec<usize> = (0..rows.len())
+            .filter(|&k| eigen.eigenvalues[k] > LEAST_VARIANCE * largest)
+            .collect();
+        // W = D^−½ Uᵀ whitens the sender's earlier belief.
+        let whiten = DMatrix::from_fn(kept.len(), rows.len(), |r, c| {
+            eigen.eigenvectors[(c, kept[r])] / eigen.eigenvalues[kept[r]].sqrt()
+        });
+        let gained = (&whiten * lost * whiten.transpose()).symmetric_eigen();
+        let (mean, moved) = (shared_mean(before, rows), shared_mean(after, rows));
+        let readings = (0..kept.len())
+            .filter_map(|k| {
+                let gain = gained.eigenvalues[k].min(1.0 - 1e-12);
+                (gain > least_gain).then(|| {
+                    let row: DVector<f64> = whiten.tr_mul(&gained.eigenvectors.column(k));
+                    let at = |m: &DMatrix<f64>, c: usize| m.column(c).dot(&row);
+                    let mut value = [0.0; 3];
+                    for (c, v) in value.iter_mut().enumerate().take(before.columns()) {
+                        let old = at(&mean, c);
+                        *v = old + (at(&moved, c) - old) / gain;
+                    }
+                    SharedReading {
+                        row: row.as_slice().to_vec(),
+                        value,
+                        variance: (1.0 - gain) / gain,
+                    }
+                })
+            })
+            .collect();
+        Self { readings }
+    }
+
+    /// Whether there is nothing new.
+    pub fn is_empty(&self) -> bool {
+        self.readings.is_empty()
+    }
+
+    /// Gives a neighbour the new information, `rows` being the shared functions in its own coefficients.
+    pub fn give(&self, to: &mut PatchBelief, rows: &[SparseRow], workspace: &mut Workspace) -> Result<()> {
+        let mut dense = vec![0.0; to.dimension()];
+        for reading in &self.readings {
+            dense.fill(0.0);
+            for (weight, row) in reading.row.iter().zip(rows) {
+                for &(index, w) in row {
+                    dense[usize::from(index)] += weight * w;
+                }
+            }
+            let row: SparseRow = (0..)
+                .zip(&dense)
+                .filter(|(_, w)| **w != 0.0)
+                .map(|(k, &w)| (k, w))
+                .collect();
+            to.update(&row, reading.value, reading.variance, workspace)?;
+        }
+        Ok(())
+    }
+}
+
+/// `G Σ Gᵀ`.
+fn shared_covariance(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
+    let (n, covariance) = (belief.dimension(), belief.covariance());
+    let mut half = DMatrix::<f64>::zeros(n, rows.len());
+    for (c, row) in rows.iter().enumerate() {
+        for &(index, w) in row {
+            let line = &covariance[usize::from(index) * n..][..n];
+            for (to, x) in half.column_mut(c).iter_mut().zip(line) {
+                *to += w * x;
+            }
+        }
+    }
+    let m = DMatrix::from_fn(rows.len(), rows.len(), |r, c| {
+        rows[r].iter().map(|&(k, w)| w * half[(usize::from(k), c)]).sum()
+    });
+    0.5 * (&m + m.transpose())
+}
+
+/// `G μ`, a column for each column of the mean.
+fn shared_mean(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
+    let columns = belief.columns();
+    DMatrix::from_fn(rows.len(), columns, |r, c| {
+        rows[r]
+            .iter()
+            .map(|&(k, w)| w * belief.mean()[usize::from(k) * columns + c])
+            .sum()
+    })
+}
+
+/// The shared functions of a separator for a state of three coordinates a vertex.
+fn for_coordinates(rows: &[SparseRow]) -> Vec<SparseRow> {
+    rows.iter()
+        .flat_map(|row| (0..3).map(move |d| row.iter().map(|&(k, w)| (3 * k + d, w)).collect()))
+        .collect()
+}
+
+/// A patch that learned something of its own: its number, and its belief before and after.
+pub(super) struct News {
+    pub patch: usize,
+    pub before: PatchBelief,
+    pub after: PatchBelief,
+}
+
+/// Carries what patches learned of their own to all others, each by one way: breadth first from where it was learned.
+///
+/// Beliefs already hold their own patch's readings. Every message is made from the receiver's belief as it passes, so what
+/// reaches a patch by a neighbour is weakened by what lies between.
+pub(super) fn spread(
+    quadtree: &Quadtree,
+    beliefs: &mut [&mut PatchBelief],
+    news: &[News],
+    three_coordinates: bool,
+    least_gain: f64,
+) -> Result<()> {
+    let rows: Vec<[Vec<SparseRow>; 2]> = quadtree
+        .separators
+        .iter()
+        .map(|s| match three_coordinates {
+            true => [for_coordinates(&s.rows[0]), for_coordinates(&s.rows[1])],
+            false => s.rows.clone(),
+        })
+        .collect();
+    let mut workspace = Workspace::default();
+    let mut reached = vec![usize::MAX; beliefs.len()];
+    for (number, learned) in news.iter().enumerate() {
+        reached[learned.patch] = number;
+        let mut queue: VecDeque<(usize, PatchBelief)> = VecDeque::from([(learned.patch, learned.before.clone())]);
+        while let Some((from, before)) = queue.pop_front() {
+            for &separator in &quadtree.separators_of[from] {
+                let pair = quadtree.separators[separator as usize].patches;
+                let side = usize::from(pair[1] as usize == from);
+                let to = pair[1 - side] as usize;
+                if reached[to] == number {
+                    continue;
+                }
+                let after = if from == learned.patch {
+                    &learned.after
+                } else {
+                    &*beliefs[from]
+                };
+                let rows = &rows[separator as usize];
+                let message = Message::between(&before, after, &rows[side], least_gain);
+                if message.is_empty() {
+                    continue;
+                }
+                reached[to] = number;
+                let earlier = beliefs[to].clone();
+                message.give(beliefs[to], &rows[1 - side], &mut workspace)?;
+                queue.push_back((to, earlier));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;
