@@ -7,7 +7,9 @@ use crate::valid;
 use planish::info::info;
 use planish::saved::{load_with_provenance, save};
 use planish_estimate::Result;
+use planish_exchange::calibration::{read_lights, read_stereo_calibration};
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
+use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
 use planish_exchange::{extension, read_inputs};
 use rand::RngExt;
@@ -53,6 +55,12 @@ pub const TARGETS: &[Target] = &[
     Target { name: "png",      file: "a.png",     valid: valid::pngs,       words: &[],  mend: sums_of_png, read: scans },
     Target { name: "tiff",     file: "a.tif",     valid: valid::tiffs,      words: &[],  mend: as_it_is,   read: scans },
     Target { name: "camera",   file: "a.toml",    valid: valid::cameras,    words: CAMERA, mend: as_it_is, read: image_beside },
+    Target { name: "picture",  file: "p.png",     valid: valid::pngs,       words: &[],  mend: sums_of_png, read: picture },
+    Target { name: "jpeg",     file: "p.jpg",     valid: valid::jpegs,      words: &[],  mend: as_it_is,   read: picture },
+    Target { name: "tga",      file: "p.tga",     valid: valid::tgas,       words: &[],  mend: as_it_is,   read: picture },
+    Target { name: "pgm",      file: "p.pgm",     valid: valid::pgms,       words: PGM,  mend: as_it_is,   read: picture },
+    Target { name: "stereo",   file: "s.toml",    valid: valid::stereos,    words: CAMERA, mend: as_it_is, read: stereo_calibration },
+    Target { name: "lights",   file: "l.toml",    valid: valid::lights,     words: LIGHTS, mend: as_it_is, read: lights },
     Target { name: "planish",  file: "a.planish", valid: valid::models,     words: JSON, mend: safetensors, read: model_and_back },
 ];
 
@@ -89,6 +97,12 @@ const PLY: &[&str] = &[
     "cyy",
     "cyz",
     "czz",
+    "k1",
+    "k2",
+    "d1x",
+    "d1y",
+    "d1z",
+    "sigma_k",
     "vertex_indices",
     "vertex_index",
     "comment",
@@ -310,6 +324,38 @@ const XML: &[&str] = &[
 const CAMERA: &[&str] = &[
     "unit", "\"m\"", "fx", "fy", "cx", "cy", "scale", "sigma_a", "sigma_b", "=", "[a]", "\n",
 ];
+
+const PGM: &[&str] = &["P2", "P3", "P5", "P6", "255", "65535", "#", "\n", " ", "4294967296"];
+const LIGHTS: &[&str] = &[
+    "unit",
+    "frame",
+    "\"viewer\"",
+    "\"camera\"",
+    "lights",
+    "[ball]",
+    "images",
+    "mask",
+    "pixel_size",
+    "sigma_brightness",
+    "sigma_light_deg",
+    "[",
+    "]",
+    "1e308",
+    "nan",
+    "=",
+];
+
+fn picture(path: &Path) -> Result<()> {
+    read_picture(path).map(drop)
+}
+
+fn stereo_calibration(path: &Path) -> Result<()> {
+    read_stereo_calibration(path).map(drop)
+}
+
+fn lights(path: &Path) -> Result<()> {
+    read_lights(path).map(drop)
+}
 
 fn as_it_is(_: &mut Vec<u8>, _: &mut ChaCha8Rng) {}
 

@@ -485,3 +485,50 @@ pub fn cameras() -> Result<Vec<Vec<u8>>> {
         b"fx = 500\nfy = 500\ncx = 2\ncy = 1\n".to_vec(),
     ])
 }
+
+/// Grey and coloured JPEG images, one of them progressive.
+pub fn jpegs() -> Result<Vec<Vec<u8>>> {
+    Ok(vec![
+        include_bytes!("../data/grey.jpg").to_vec(),
+        include_bytes!("../data/colour.jpg").to_vec(),
+    ])
+}
+
+/// Grey and coloured TGA images, plain and run by run.
+pub fn tgas() -> Result<Vec<Vec<u8>>> {
+    let header = |kind: u8, bits: u8| [0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 3, 0, bits, 0x20].to_vec();
+    let mut grey = header(3, 8);
+    grey.extend(0..12);
+    let mut colour = header(2, 24);
+    colour.extend(0..36);
+    let mut runs = header(10, 24);
+    // Six pixels of one colour, then six of their own.
+    runs.extend([0x85, 1, 2, 3, 0x05]);
+    runs.extend(0..18);
+    Ok(vec![grey, colour, runs])
+}
+
+/// Grey and coloured images of the Netpbm family, as text and as bytes.
+pub fn pgms() -> Result<Vec<Vec<u8>>> {
+    let mut bytes = b"P5\n# a comment\n4 3\n255\n".to_vec();
+    bytes.extend(0..12);
+    let mut wide = b"P6 2 2 65535\n".to_vec();
+    wide.extend(0..24);
+    Ok(vec![bytes, wide, b"P2\n2 2 255\n0 1 2 255\n".to_vec()])
+}
+
+/// Calibrations of two cameras.
+pub fn stereos() -> Result<Vec<Vec<u8>>> {
+    let full = "unit = \"mm\"\nf = 500\ncx = 2\ncy = 1\nbaseline = 60\ndoffs = 1.5\nsigma_disparity_px = 0.1\n";
+    Ok(vec![
+        full.as_bytes().to_vec(),
+        b"f = 500.0\ncx = 2\ncy = 1\nbaseline = 0.06\n".to_vec(),
+    ])
+}
+
+/// Lights of photometric stereo.
+pub fn lights() -> Result<Vec<Vec<u8>>> {
+    let stated = "unit = \"mm\"\nframe = \"viewer\"\nlights = [[0.4, 0.5, 0.8], [-0.3, 0.5, 0.8], [0.0, 0.3, 0.9]]\npixel_size = 0.2\nsigma_brightness = 1.5\n";
+    let ball = "sigma_light_deg = 1.0\n[ball]\nimages = [\"a.tga\", \"b.tga\", \"c.tga\"]\nmask = \"m.tga\"\n";
+    Ok(vec![stated.as_bytes().to_vec(), ball.as_bytes().to_vec()])
+}
