@@ -112,7 +112,7 @@ struct PoseTable {
 /// Reads a job.
 ///
 /// # Errors
-/// [`Io`](ErrorKind::Io) when the job or a file that it names is missing; [`Input`](ErrorKind::Input) for TOML that is
+/// [`Io`](planish_estimate::ErrorKind::Io) when the job or a file that it names is missing; [`Input`](planish_estimate::ErrorKind::Input) for TOML that is
 /// malformed, unknown keys or kinds, σ ≤ 0, quaternions that have not unit length: with file, line and key.
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
