@@ -47,6 +47,21 @@ pub fn read_npy(path: &Path) -> Result<Scan> {
     read_file(path, scan_from)
 }
 
+/// What stands before the numbers of an array, as NumPy writes it; `descr` and `shape` are Python literals.
+pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u8> {
+    let order = if columns_first { "True" } else { "False" };
+    let mut header = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}");
+    // The body begins at a multiple of 64 bytes.
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
+    bytes.extend_from_slice(header.as_bytes());
+    bytes
+}
+
 /// The shape of an array of one number an entry, if it is an image: two axes, wider than points are.
 pub(crate) fn is_image(path: &Path) -> bool {
     let shape = open(path).and_then(|mut source| header::read_header(&mut source)).ok();

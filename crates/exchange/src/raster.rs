@@ -13,6 +13,7 @@ use tiff::encoder::compression::DeflateLevel;
 use tiff::encoder::{Compression, TiffEncoder};
 use tiff::tags::{ExtraSamples, PhotometricInterpretation, SampleFormat, Tag};
 
+use crate::npy::npy_header;
 use crate::source::extension;
 use crate::write_atomically;
 
@@ -81,15 +82,7 @@ fn tiff<const N: usize>(columns: usize, rows: usize, values: &[f32]) -> std::res
 }
 
 fn npy(columns: usize, rows: usize, bands: usize, values: &[f32]) -> Vec<u8> {
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}, {bands}), }}");
-    // The body begins at a multiple of 64 bytes.
-    while (10 + header.len() + 1) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    bytes.extend_from_slice(header.as_bytes());
+    let mut bytes = npy_header("'<f4'", false, &format!("({rows}, {columns}, {bands})"));
     bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
     bytes
 }

@@ -86,26 +86,14 @@ impl SurfaceSystem {
     /// `Input` when the matrix would be too large.
     pub fn accumulate(&self, fill: impl Fn(usize, &mut CellInformation) -> bool + Sync) -> Result<BlockInformation> {
         let mut information = self.nothing()?;
-        let leaves: Vec<usize> = (0..self.scatters.len()).collect();
-        for batch in leaves.chunks(BATCH) {
-            let elements: Vec<Option<(Vec<f64>, Vec<f64>)>> = batch
-                .par_iter()
-                .with_min_len(16)
-                .map_init(CellInformation::default, |cell, &leaf| {
-                    cell.clear();
-                    fill(leaf, cell).then(|| {
-                        let (mut matrix, mut vector) = (Vec::new(), Vec::new());
-                        cell.element(&self.space, leaf, &mut matrix, &mut vector);
-                        (matrix, vector)
-                    })
-                })
-                .collect();
-            for (&leaf, element) in batch.iter().zip(&elements) {
-                if let Some((matrix, vector)) = element {
-                    information.add_scattered(&self.scatters[leaf], matrix, vector)?;
-                }
-            }
-        }
+        self.add_elements(&mut information, CellInformation::default, |cell, leaf| {
+            cell.clear();
+            fill(leaf, cell).then(|| {
+                let (mut matrix, mut vector) = (Vec::new(), Vec::new());
+                cell.element(&self.space, leaf, &mut matrix, &mut vector);
+                (matrix, vector)
+            })
+        })?;
         Ok(information)
     }
 
@@ -122,52 +110,58 @@ impl SurfaceSystem {
         rows: impl Fn(usize, &mut dyn FnMut(&[f64; 16], [f64; 3], f64, f64)) + Sync,
     ) -> Result<BlockInformation> {
         let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
-        self.add_elements(&mut information, |leaf| {
-            let (nodes, weights) = self.space.extraction(leaf);
-            let n = nodes.len();
-            // Most weights are zero: each node is few of the sixteen coefficients.
-            let sparse: Vec<(usize, usize, f64)> = weights
-                .iter()
-                .enumerate()
-                .flat_map(|(a, w)| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
-                .filter(|(_, _, w)| *w != 0.0)
-                .collect();
-            let mut made: Option<(Vec<f64>, Vec<f64>)> = None;
-            let mut row = vec![0.0; n];
-            rows(leaf, &mut |c, direction, value, w| {
-                let (matrix, vector) = made.get_or_insert_with(|| (vec![0.0; n * n], vec![0.0; n]));
-                row.fill(0.0);
-                for &(a, k, weight) in &sparse {
-                    row[a] += weight * c[k];
-                }
-                for (r, &node) in row.iter_mut().zip(nodes) {
-                    *r *= dot(direction, directions[node as usize]);
-                }
-                add_outer(matrix, vector, &row, value, w);
-            });
-            if let Some((matrix, _)) = &mut made {
-                for a in 0..n {
-                    for b in 0..a {
-                        matrix[b * n + a] = matrix[a * n + b];
+        self.add_elements(
+            &mut information,
+            || (),
+            |(), leaf| {
+                let (nodes, weights) = self.space.extraction(leaf);
+                let n = nodes.len();
+                // Most weights are zero: each node is few of the sixteen coefficients.
+                let sparse: Vec<(usize, usize, f64)> = weights
+                    .iter()
+                    .enumerate()
+                    .flat_map(|(a, w)| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
+                    .filter(|(_, _, w)| *w != 0.0)
+                    .collect();
+                let mut made: Option<(Vec<f64>, Vec<f64>)> = None;
+                let mut row = vec![0.0; n];
+                rows(leaf, &mut |c, direction, value, w| {
+                    let (matrix, vector) = made.get_or_insert_with(|| (vec![0.0; n * n], vec![0.0; n]));
+                    row.fill(0.0);
+                    for &(a, k, weight) in &sparse {
+                        row[a] += weight * c[k];
+                    }
+                    for (r, &node) in row.iter_mut().zip(nodes) {
+                        *r *= dot(direction, directions[node as usize]);
+                    }
+                    add_outer(matrix, vector, &row, value, w);
+                });
+                if let Some((matrix, _)) = &mut made {
+                    for a in 0..n {
+                        for b in 0..a {
+                            matrix[b * n + a] = matrix[a * n + b];
+                        }
                     }
                 }
-            }
-            made
-        })?;
+                made
+            },
+        )?;
         Ok(information)
     }
 
-    /// Adds what is known of each leaf, a matrix and a vector over its nodes: made in parallel, a batch at a time, and added in order.
-    fn add_elements(
+    /// Adds what is known of each leaf, a matrix and a vector over its nodes: made in parallel, a batch at a time, and added in order. `scratch` makes
+    /// what a thread reuses from leaf to leaf.
+    fn add_elements<S>(
         &self,
         information: &mut BlockInformation,
-        element: impl Fn(usize) -> Option<(Vec<f64>, Vec<f64>)> + Sync,
+        scratch: impl Fn() -> S + Sync,
+        element: impl Fn(&mut S, usize) -> Option<(Vec<f64>, Vec<f64>)> + Sync,
     ) -> Result<()> {
         for (number, scatters) in self.scatters.chunks(BATCH).enumerate() {
             let elements: Vec<_> = (0..scatters.len())
                 .into_par_iter()
                 .with_min_len(16)
-                .map(|k| element(number * BATCH + k))
+                .map_init(&scratch, |scratch, k| element(scratch, number * BATCH + k))
                 .collect();
             for (scatter, element) in scatters.iter().zip(&elements) {
                 if let Some((matrix, vector)) = element {
@@ -260,29 +254,37 @@ impl SurfaceSystem {
         form: impl Fn(usize) -> Option<([[f64; 16]; 16], [[f64; 3]; 16])> + Sync,
     ) -> Result<BlockInformation> {
         let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        self.add_elements(&mut information, |leaf| {
-            let (matrix, vector) = form(leaf)?;
-            let (nodes, weights) = self.space.extraction(leaf);
-            let mut of_nodes = vec![0.0; 3 * nodes.len()];
-            for (to, weights) in of_nodes.chunks_exact_mut(3).zip(weights) {
-                for (w, from) in weights.iter().zip(&vector) {
-                    for d in 0..3 {
-                        to[d] += w * from[d];
+        self.add_elements(
+            &mut information,
+            || (),
+            |(), leaf| {
+                let (matrix, vector) = form(leaf)?;
+                let (nodes, weights) = self.space.extraction(leaf);
+                let mut of_nodes = vec![0.0; 3 * nodes.len()];
+                for (to, weights) in of_nodes.chunks_exact_mut(3).zip(weights) {
+                    for (w, from) in weights.iter().zip(&vector) {
+                        for d in 0..3 {
+                            to[d] += w * from[d];
+                        }
                     }
                 }
-            }
-            Some((scalar_element(&self.space, leaf, &matrix), of_nodes))
-        })?;
+                Some((scalar_element(&self.space, leaf, &matrix), of_nodes))
+            },
+        )?;
         Ok(information)
     }
 
     /// The matrix of one coordinate from a symmetric form on the sixteen coefficients of every leaf.
     fn assemble_forms(&self, form: impl Fn(usize) -> [[f64; 16]; 16] + Sync) -> Result<BlockInformation> {
         let mut matrix = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
-        self.add_elements(&mut matrix, |leaf| {
-            let nothing = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
-            Some((scalar_element(&self.space, leaf, &form(leaf)), nothing))
-        })?;
+        self.add_elements(
+            &mut matrix,
+            || (),
+            |(), leaf| {
+                let nothing = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
+                Some((scalar_element(&self.space, leaf, &form(leaf)), nothing))
+            },
+        )?;
         Ok(matrix)
     }
 

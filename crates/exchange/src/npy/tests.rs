@@ -16,17 +16,9 @@ fn message(bytes: &[u8]) -> String {
     read(bytes).unwrap_err().to_string()
 }
 
-/// A file as NumPy writes it: the header padded to a multiple of 64 bytes.
+/// A file as NumPy writes it.
 fn file(descr: &str, columns_first: bool, shape: &str, body: &[u8]) -> Vec<u8> {
-    let order = if columns_first { "True" } else { "False" };
-    let mut header = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}");
-    while (10 + header.len() + 1) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    bytes.extend_from_slice(header.as_bytes());
+    let mut bytes = npy_header(descr, columns_first, shape);
     bytes.extend_from_slice(body);
     bytes
 }

@@ -736,7 +736,7 @@ pub(super) fn has_ground(scan: &Scan) -> bool {
 
 /// Hashes the bits of coordinates; the standard hasher withstands attackers, and takes a tenth of the time of reading a large cloud for it.
 #[derive(Default)]
-struct BitsHasher(u64);
+pub(super) struct BitsHasher(u64);
 
 impl Hasher for BitsHasher {
     fn write(&mut self, bytes: &[u8]) {

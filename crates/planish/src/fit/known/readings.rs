@@ -4,7 +4,7 @@
 
 use crate::fit::FitOptions;
 use crate::fit::noise::ResidualSums;
-use crate::fit::observations::hash01;
+use crate::fit::observations::{BitsHasher, hash01};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
 use planish_exchange::ScanSet;
@@ -12,6 +12,7 @@ use planish_mesh::BoundingBox;
 use planish_sense::{Noise, Pose};
 use planish_spline::{Hierarchy, PositionReading, PositionSums, Surface};
 use rayon::prelude::*;
+use std::hash::Hasher;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -561,8 +562,7 @@ pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
 
 /// A hash of the bits of numbers.
 pub(super) fn hash_of<'n>(numbers: impl Iterator<Item = &'n f64>) -> u64 {
-    let hash = numbers.fold(0_u64, |hash, x| {
-        (hash.rotate_left(23) ^ x.to_bits()).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-    });
-    hash ^ (hash >> 32)
+    let mut hasher = BitsHasher::default();
+    numbers.for_each(|x| hasher.write_u64(x.to_bits()));
+    hasher.finish()
 }
