@@ -8,6 +8,7 @@ mod known;
 mod large;
 mod noise;
 mod observations;
+mod shared;
 mod smoothing;
 mod stages;
 
@@ -17,6 +18,7 @@ pub use observations::{ObservationOptions, Observations, Rejection};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use large::Parts;
+use shared::SharedErrors;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
@@ -37,6 +39,8 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
+    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in any case.
+    pub align: bool,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// Readings farther from the surface than this many σ are outliers.
@@ -65,6 +69,7 @@ impl Default for FitOptions {
             known_parameters: None,
             tolerance: None,
             ground: None,
+            align: false,
             max_coefficients: 12_000,
             gate: 4.0,
             held_out_share: 0.1,
@@ -190,9 +195,10 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
+        observations.shared = SharedErrors::new(set, &observations, origin, options.align);
         progress.check("normals", 0.01)?;
-        let settled = stages::settle(&observations, &sheet, progress)?;
-        return finish::finish(set, &observations, settled, options, None, None, progress)?.translated(origin);
+        let settled = stages::settle(&mut observations, &sheet, progress)?;
+        return finish::finish(set, &observations, settled, options, None, None, origin, progress)?.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
@@ -208,10 +214,11 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
     progress.check("normals", 0.02)?;
-    let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
+    let mut settled = stages::settle(&mut observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), progress)?.translated(origin)
+    finish::finish(set, &observations, settled, options, None, Some(absorbed), origin, progress)?.translated(origin)
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -272,6 +279,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    let settled = finish::place(model, &observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), None, progress)?.translated(origin)
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
+    let settled = finish::place(model, &mut observations, options, progress)?;
+    finish::finish(set, &observations, settled, options, Some(model), None, origin, progress)?.translated(origin)
 }
