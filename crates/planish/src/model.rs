@@ -250,6 +250,19 @@ impl NodeCovariance {
         self.shared.as_ref().map(|shared| &shared.bordered)
     }
 
+    /// Takes away information about what scans share, but never below what `least` says; and by how much their own information has changed.
+    pub(crate) fn with_less_shared(mut self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+        let Some(shared) = self.shared.take() else {
+            return Ok((self, Vec::new()));
+        };
+        let (bordered, change) = shared.bordered.with_less_information(less, least)?;
+        self.shared = Some(SharedRows {
+            rows: bordered.shared_rows(),
+            bordered,
+        });
+        Ok((self, change))
+    }
+
     /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];

@@ -21,7 +21,7 @@
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
 
-use crate::model::{PoseReport, SharedInformation, SensorReport, SurfaceModel};
+use crate::model::{PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;

@@ -1,6 +1,6 @@
 //! Small models for tests.
 
-use crate::model::{PoseReport, SensorReport, SurfaceModel};
+use crate::model::{PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 
@@ -68,7 +68,9 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
             quaternion_xyzw: [0.0, 0.0, 0.6, 0.8],
             sigma_translation: Some(1.0 / 7.0),
             sigma_rotation_deg: None,
-            covariance: Some(std::array::from_fn(|a| std::array::from_fn(|b| if a == b { 1.0 / 3.0 } else { 0.1 }))),
+            covariance: Some(std::array::from_fn(|a| {
+                std::array::from_fn(|b| if a == b { 1.0 / 3.0 } else { 0.1 })
+            })),
             ..PoseReport::default()
         }],
         smoothness_weight: 2.0 / 3.0,
@@ -77,7 +79,15 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
 
 /// A model of every shape, all but every fifth leaf observed.
 pub(crate) fn small_model(shape: Shape) -> SurfaceModel {
-    model_of(refined_surface(shape), |leaf| leaf % 5 != 0)
+    let mut model = model_of(refined_surface(shape), |leaf| leaf % 5 != 0);
+    // Its one scan's place is not known well.
+    model.shared = Some(SharedInformation {
+        coupling: (0..2 * model.surface.space().node_count())
+            .map(|k| 1e-3 * (k as f64).sin())
+            .collect(),
+        corner: vec![1.0 / 3.0, 0.1, 0.1, 0.7],
+    });
+    model
 }
 
 /// Asserts that two models are equal, bit by bit.
@@ -95,5 +105,5 @@ pub(crate) fn assert_same_model(a: &SurfaceModel, b: &SurfaceModel) {
         (&a.observed, a.observations, a.smoothness_weight),
         (&b.observed, b.observations, b.smoothness_weight)
     );
-    assert_eq!((&a.sensors, &a.poses), (&b.sensors, &b.poses));
+    assert_eq!((&a.sensors, &a.poses, &a.shared), (&b.sensors, &b.poses, &b.shared));
 }

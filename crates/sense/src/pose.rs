@@ -60,7 +60,11 @@ impl Pose {
     pub fn from_rotation_vector(omega: [f64; 3], translation: [f64; 3]) -> Self {
         let half = 0.5 * norm(omega);
         // sin(x)/x, to the last digit where its series has one term more than it needs.
-        let sinc = if half < 1e-4 { 1.0 - half * half / 6.0 } else { half.sin() / half };
+        let sinc = if half < 1e-4 {
+            1.0 - half * half / 6.0
+        } else {
+            half.sin() / half
+        };
         let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
         Self::from_quaternion_xyzw([x, y, z, half.cos()], translation).unwrap_or(Self {
             translation,
@@ -180,10 +184,22 @@ mod tests {
 
     #[test]
     fn rotation_vector_there_and_back_keeps_the_motion() {
-        for omega in [[0.3, -1.2, 0.7], [1e-9, 2e-9, -1e-9], [0.0; 3], [0.0, 3.1, 0.0], [1e-5, 0.0, 0.0]] {
+        for omega in [
+            [0.3, -1.2, 0.7],
+            [1e-9, 2e-9, -1e-9],
+            [0.0; 3],
+            [0.0, 3.1, 0.0],
+            [1e-5, 0.0, 0.0],
+        ] {
             let pose = Pose::from_rotation_vector(omega, [1.0, 2.0, 3.0]);
             let again = pose.rotation_vector();
-            assert!(omega.iter().zip(again).all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))), "{omega:?} {again:?}");
+            assert!(
+                omega
+                    .iter()
+                    .zip(again)
+                    .all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))),
+                "{omega:?} {again:?}"
+            );
         }
         // A quarter turn about z carries x to y.
         let quarter = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::FRAC_PI_2], [0.0; 3]);

@@ -11,6 +11,8 @@
 //! The second term of `Σ_xx` has the rank of `p`: correlated errors are kept as a low-rank term, and no sparse matrix fills in.
 //! Not guaranteed: digits of unknowns of `p` that the whole determines only by differences of much larger numbers; give each a prior.
 
+use std::ops::Range;
+
 use nalgebra::{Cholesky, DMatrix, Dyn};
 
 use super::CholeskyFactor;
@@ -130,6 +132,21 @@ impl Bordered {
         self.complement.inverse().as_slice().to_vec()
     }
 
+    /// `pᵀ S p`: the square of a step of the shared unknowns in standard deviations, the others left open.
+    ///
+    /// # Errors
+    /// `Input` when there are other than `m` of them.
+    pub fn shared_length2(&self, p: &[f64]) -> Result<f64> {
+        let l = self.complement.l_dirty();
+        let m = l.nrows();
+        if p.len() != m {
+            return Err(Error::input(format!("needed {m} shared unknowns, found {}", p.len())));
+        }
+        Ok((0..m)
+            .map(|column| (column..m).map(|row| l[(row, column)] * p[row]).sum::<f64>().powi(2))
+            .sum())
+    }
+
     /// `S`, the information about the shared unknowns when all others are left open, `m × m`.
     #[must_use]
     pub fn shared_information(&self) -> Vec<f64> {
@@ -137,21 +154,59 @@ impl Bordered {
         (&l * l.transpose()).as_slice().to_vec()
     }
 
-    /// Directions of the shared unknowns of which the readings took away less than a `share` of what variance `prior`, `m × m`, leaves them: each
-    /// as long as one σ of the prior, orthogonal in its metric.
+    /// The same with information about the shared unknowns taken away, but never below what `least` says, and by how much their corner `P` has changed.
+    /// All are `m × m`.
     ///
-    /// Eigenvectors of `L₀ᵀ S⁻¹ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior.
+    /// In the metric of `least` no eigenvalue of `S − less` may fall below one.
+    ///
+    /// # Errors
+    /// `Input` when `least` is not positive definite, or a size does not fit.
+    pub fn with_less_information(mut self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+        let m = self.shared();
+        let wrong = || Error::input(format!("needed a positive definite least information of {m} × {m}"));
+        if less.len() != m * m || least.len() != m * m {
+            return Err(wrong());
+        }
+        let l = Cholesky::new(DMatrix::from_column_slice(m, m, least))
+            .ok_or_else(wrong)?
+            .l();
+        let before = DMatrix::from_column_slice(m, m, &self.shared_information());
+        let reduced = &before - DMatrix::from_column_slice(m, m, less);
+        // L⁻¹ (S − less) L⁻ᵀ.
+        let half = l.solve_lower_triangular(&reduced).ok_or_else(wrong)?;
+        let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(wrong)?;
+        let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
+        let back = &l * &eigen.eigenvectors;
+        let kept = DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0)));
+        let after = &back * kept * back.transpose();
+        let after = 0.5 * (&after + after.transpose());
+        let change = (&after - before).as_slice().to_vec();
+        self.complement = Cholesky::new(after).ok_or_else(wrong)?;
+        Ok((self, change))
+    }
+
+    /// Directions of some of the shared unknowns of which the readings took away less than a `share` of what variance `prior`, the information
+    /// about them alone, leaves them: each as long as one σ of the prior, orthogonal in its metric.
+    ///
+    /// Eigenvectors of `L₀ᵀ Σ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior and `Σ` their part of `S⁻¹`.
     ///
     /// # Errors
     /// `Input` when the prior is not positive definite or of another size.
-    pub fn undetermined(&self, prior: &[f64], share: f64) -> Result<Vec<Vec<f64>>> {
-        let m = self.shared();
+    pub fn undetermined(&self, of: Range<usize>, prior: &[f64], share: f64) -> Result<Vec<Vec<f64>>> {
+        let m = of.len();
         let wrong = || Error::input(format!("needed a positive definite prior of {m} × {m}"));
-        if prior.len() != m * m {
+        if prior.len() != m * m || of.end > self.shared() {
             return Err(wrong());
         }
-        let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior)).ok_or_else(wrong)?.l();
-        let whitened = l.transpose() * self.complement.solve(&l);
+        let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior))
+            .ok_or_else(wrong)?
+            .l();
+        let covariance = self
+            .complement
+            .inverse()
+            .view((of.start, of.start), (m, m))
+            .into_owned();
+        let whitened = l.transpose() * covariance * &l;
         let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
         let upper = l.transpose();
         Ok((eigen.eigenvalues.iter().enumerate())
@@ -168,7 +223,8 @@ impl Bordered {
         let rows = DMatrix::from_column_slice(m, self.solved.len() / m.max(1), &self.solved);
         // Gᵀ = L⁻¹ (A⁻¹C)ᵀ.
         let l = self.complement.l();
-        l.solve_lower_triangular(&rows).map_or_else(Vec::new, |g| g.as_slice().to_vec())
+        l.solve_lower_triangular(&rows)
+            .map_or_else(Vec::new, |g| g.as_slice().to_vec())
     }
 }
 
@@ -196,7 +252,9 @@ mod tests {
             }
             let element = [row[i], row[i + 1]];
             let matrix: Vec<f64> = (element.iter().flat_map(|a| element.map(|b| w * a * b))).collect();
-            information.add_element(&[i as u32, i as u32 + 1], &matrix, &[0.0, 0.0]).unwrap();
+            information
+                .add_element(&[i as u32, i as u32 + 1], &matrix, &[0.0, 0.0])
+                .unwrap();
             let row = nalgebra::DVector::from_vec(row);
             dense += w * &row * row.transpose();
         }
@@ -207,9 +265,17 @@ mod tests {
         for k in 0..M {
             dense[(N + k, N + k)] += 0.2;
         }
-        let coupling = (0..N).flat_map(|i| (0..M).map(move |k| (i, N + k))).map(|at| dense[at]).collect();
+        let coupling = (0..N)
+            .flat_map(|i| (0..M).map(move |k| (i, N + k)))
+            .map(|at| dense[at])
+            .collect();
         let corner = dense.view((N, N), (M, M)).into_owned().as_slice().to_vec();
-        (CholeskyFactor::factorize(&symbolic, &information).unwrap(), coupling, corner, dense)
+        (
+            CholeskyFactor::factorize(&symbolic, &information).unwrap(),
+            coupling,
+            corner,
+            dense,
+        )
     }
 
     #[test]
@@ -225,12 +291,18 @@ mod tests {
             assert!((found - expected).abs() < 1e-11, "{found} {expected}");
         }
         let covariance = bordered.shared_covariance();
+        let information = bordered.shared_information();
+        let length2: f64 = (0..M * M).map(|k| p[k / M] * information[k] * p[k % M]).sum();
+        assert!((bordered.shared_length2(&p).unwrap() / length2 - 1.0).abs() < 1e-11);
         for a in 0..M {
             for b in 0..M {
                 assert!((covariance[a * M + b] - inverse[(N + a, N + b)]).abs() < 1e-11);
             }
         }
-        let (rows, conditional) = (bordered.shared_rows(), dense.view((0, 0), (N, N)).into_owned().try_inverse().unwrap());
+        let (rows, conditional) = (
+            bordered.shared_rows(),
+            dense.view((0, 0), (N, N)).into_owned().try_inverse().unwrap(),
+        );
         for a in 0..N {
             for b in 0..N {
                 let shared: f64 = (0..M).map(|k| rows[a * M + k] * rows[b * M + k]).sum();
@@ -243,7 +315,10 @@ mod tests {
     fn directions_that_readings_leave_as_they_were_are_found() {
         let (factor, coupling, corner, _) = whole();
         // A fourth unknown that no reading has.
-        let coupling: Vec<f64> = coupling.chunks_exact(M).flat_map(|row| [row[0], row[1], row[2], 0.0]).collect();
+        let coupling: Vec<f64> = coupling
+            .chunks_exact(M)
+            .flat_map(|row| [row[0], row[1], row[2], 0.0])
+            .collect();
         let (mut corner4, mut prior) = ([0.0; 16], [0.0; 16]);
         for a in 0..M {
             for b in 0..M {
@@ -253,10 +328,33 @@ mod tests {
         }
         (corner4[15], prior[15]) = (0.25, 0.25);
         let bordered = Bordered::new(&factor, &coupling, &corner4).unwrap();
-        let found = bordered.undetermined(&prior, 0.1).unwrap();
+        let found = bordered.undetermined(0..4, &prior, 0.1).unwrap();
         let only = found.iter().find(|v| v[3].abs() > 1.0).unwrap();
-        assert!((only[3].abs() - 2.0).abs() < 1e-9 && only[..3].iter().all(|c| c.abs() < 1e-9), "{found:?}");
-        assert!(bordered.undetermined(&prior[1..], 0.1).is_err());
+        assert!(
+            (only[3].abs() - 2.0).abs() < 1e-9 && only[..3].iter().all(|c| c.abs() < 1e-9),
+            "{found:?}"
+        );
+        assert!(bordered.undetermined(0..4, &prior[1..], 0.1).is_err());
+        // The fourth alone is a direction as well, one σ long.
+        let alone = bordered.undetermined(3..4, &[0.25], 0.1).unwrap();
+        assert!((alone[0][0].abs() - 2.0).abs() < 1e-9 && alone.len() == 1);
+    }
+
+    #[test]
+    fn information_is_taken_away_down_to_what_is_left_in_any_case() {
+        let (factor, coupling, corner, _) = whole();
+        let bordered = Bordered::new(&factor, &coupling, &corner).unwrap();
+        let before = bordered.shared_information();
+        let least: Vec<f64> = (0..M * M).map(|k| if k % (M + 1) == 0 { 0.2 } else { 0.0 }).collect();
+        let none = bordered.clone().with_less_information(&[0.0; M * M], &least).unwrap();
+        assert!(none.1.iter().all(|c| c.abs() < 1e-12));
+        // All of it and more: only the least is left.
+        let (left, change) = bordered
+            .with_less_information(&before.iter().map(|s| 3.0 * s).collect::<Vec<_>>(), &least)
+            .unwrap();
+        for (k, s) in left.shared_information().iter().enumerate() {
+            assert!((s - least[k]).abs() < 1e-12 && (before[k] + change[k] - s).abs() < 1e-12);
+        }
     }
 
     #[test]

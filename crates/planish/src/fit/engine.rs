@@ -153,7 +153,8 @@ pub(super) fn project(
                 Measured::Position => {
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
-                    made.residuals[0] = foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
+                    made.residuals[0] =
+                        foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
                     if let Some(bias) = foot.jet.tangential_bias(&covariance) {
                         let lift = -factor * bias;
                         // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
@@ -248,6 +249,8 @@ pub(super) struct NormalStep {
     pub decrement: f64,
     /// How the unknowns that scans share change, where they have any.
     pub shared: Vec<f64>,
+    /// The mean square of that step in standard deviations.
+    pub shared_decrement: f64,
     /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may have a long way to go.
     pub seen: f64,
 }
@@ -321,16 +324,21 @@ pub(super) fn normal_step(
         *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
     }
     let mut step = gradient.clone();
-    let shared = if channels.with_shared && !channels.observations.shared.is_empty() {
+    let (shared, shared_decrement) = if channels.with_shared && !channels.observations.shared.is_empty() {
         let errors = &channels.observations.shared;
         let equations = errors.equations(system, surface, &directions, feet, information, channels);
+        for (s, pull) in step.iter_mut().zip(&equations.pull) {
+            *s += pull;
+        }
         let bordered = Bordered::new(&factor, &equations.coupling, &equations.corner)?;
         let mut shared = equations.gradient.clone();
         bordered.solve_in_place(&factor, &equations.coupling, &mut step, &mut shared)?;
-        shared
+        let length2 = bordered.shared_length2(&shared)?;
+        let unknowns = shared.len() as f64;
+        (shared, length2 / unknowns)
     } else {
         factor.solve_in_place(&mut step)?;
-        Vec::new()
+        (Vec::new(), 0.0)
     };
     let degrees = if channels.count == 1 {
         vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
@@ -354,6 +362,7 @@ pub(super) fn normal_step(
         degrees,
         decrement,
         shared,
+        shared_decrement,
         seen,
     })
 }

@@ -77,7 +77,25 @@ pub(super) fn finish(
         model.shared = Some(equations.into_information(1.0 + others as f64 / own));
     }
     progress.check("covariance", 0.95)?;
-    let covariance = Arc::new(model.covariance(&system)?);
+    let mut covariance = Arc::new(model.covariance(&system)?);
+    if let Some(information_of_shared) = &mut model.shared {
+        let less = {
+            let given = Posterior::new(&model.surface, Arc::clone(&covariance)).given_shared();
+            let channels = FootChannels::new(observations, &subset);
+            observations
+                .shared
+                .noise_information(&given, &feet, &information, &channels)?
+        };
+        if let Some(made) = Arc::into_inner(covariance) {
+            let (made, change) = made.with_less_shared(&less, &stated)?;
+            for (corner, change) in information_of_shared.corner.iter_mut().zip(change) {
+                *corner += change;
+            }
+            covariance = Arc::new(made);
+        } else {
+            unreachable!("nobody else holds the covariance")
+        }
+    }
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     // What readings see of the surface they see from where their scans stand.
     let seen = posterior.given_shared();
@@ -172,7 +190,16 @@ pub(super) fn finish(
     let mut poses = pose_reports(set);
     if let Some(bordered) = covariance.shared() {
         for estimate in observations.shared.estimates(bordered, &stated)? {
-            estimate.report(&mut poses[estimate.scan], origin, observations);
+            let pose = &mut poses[estimate.scan];
+            estimate.report(pose, origin, observations);
+            if !pose.undetermined.is_empty() {
+                warnings.push(format!(
+                    "the readings leave {} of the six directions of the pose of {} open: see `undetermined` in the JSON of its pose; the thing may be \
+                     symmetric, or the scan small or flat",
+                    pose.undetermined.len(),
+                    pose.scan
+                ));
+            }
         }
     }
     let report = FitReport {

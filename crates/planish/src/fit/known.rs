@@ -20,7 +20,7 @@ use crate::model::{NodeCovariance, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
-use planish_exchange::{ScanSet, Unit};
+use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_mesh::BoundingBox;
 use planish_spline::{Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
@@ -301,6 +301,10 @@ impl Solved {
             .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
         let mut warnings = warnings(&sensors, observed_share, &rejected, readings.total + not_finite);
+        let uncertain = |posed: &PosedScan| posed.sigma_translation.is_some() || posed.sigma_rotation_deg.is_some();
+        if set.scans.iter().any(uncertain) {
+            warnings.push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
+        }
         if let Some(share) = shape_left {
             let [nu, nv] = model.surface.space().base();
             warnings.push(format!(

@@ -18,12 +18,12 @@ pub use observations::{ObservationOptions, Observations, Rejection};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use large::Parts;
-use shared::SharedErrors;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
+use shared::SharedErrors;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -195,7 +195,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
-        observations.shared = SharedErrors::new(set, &observations, origin, options.align);
+        observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
         progress.check("normals", 0.01)?;
         let settled = stages::settle(&mut observations, &sheet, progress)?;
         return finish::finish(set, &observations, settled, options, None, None, origin, progress)?.translated(origin);
@@ -214,11 +214,21 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
     progress.check("normals", 0.02)?;
     let mut settled = stages::settle(&mut observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), origin, progress)?.translated(origin)
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        None,
+        Some(absorbed),
+        origin,
+        progress,
+    )?
+    .translated(origin)
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -279,7 +289,17 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align, Some(model));
     let settled = finish::place(model, &mut observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), None, origin, progress)?.translated(origin)
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        Some(model),
+        None,
+        origin,
+        progress,
+    )?
+    .translated(origin)
 }

@@ -458,7 +458,11 @@ impl Observations {
     /// The scan of the set that a scan here is of.
     pub(super) fn base_scan(&self, scan: usize) -> usize {
         let scans = self.channel_of_scan.len() - self.base.len();
-        if scan < scans { scan } else { self.base[scan - scans] as usize }
+        if scan < scans {
+            scan
+        } else {
+            self.base[scan - scans] as usize
+        }
     }
 
     /// How the sensor of a scan looks, where its noise depends on it.
@@ -493,7 +497,8 @@ impl Observations {
                 ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c)),
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
                 ScanNoise::Curvatures(all) => {
-                    all.iter_mut().for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
+                    all.iter_mut()
+                        .for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
                 }
             }
         }

@@ -14,8 +14,8 @@
 //! slope of the residuals.
 
 use super::engine::{Foot, FootChannels};
-use super::observations::{Measured, Observations, moved_viewing};
-use crate::model::{PoseReport, SharedInformation};
+use super::observations::{Measured, Observations, Quantity, moved_viewing};
+use crate::model::{PoseReport, Posterior, SharedInformation, SurfaceModel};
 use planish_estimate::Result;
 use planish_estimate::sparse::Bordered;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, sub};
@@ -34,7 +34,9 @@ const FREE_ROTATION: f64 = 1.0;
 /// A scan moves no farther in one iteration than this share of the cloud's size, and turns by no more radians.
 const LONGEST_STEP: f64 = 0.1;
 /// Readings that took away less than this share of the variance from a direction do not determine it.
-const DETERMINED: f64 = 0.5;
+const DETERMINED: f64 = 0.05;
+/// Readings of a scan that are enough to know how noisy its normals are.
+const ENOUGH_FOR_NOISE: usize = 2_000;
 /// Rotation by which the change of directions is found by differences, in radians.
 const DIFFERENCE: f64 = 1e-5;
 
@@ -65,6 +67,42 @@ pub(super) struct SharedErrors {
     of_scan: Vec<Option<usize>>,
     /// The size of the cloud.
     size: f64,
+    /// What the scans of earlier sessions share: the first of all unknowns.
+    earlier: Option<EarlierShared>,
+}
+
+/// What the scans of earlier sessions share: about where their model was, and how far they have come from there.
+#[derive(Debug, Clone)]
+struct EarlierShared {
+    information: SharedInformation,
+    vertices: Vec<[f64; 3]>,
+    moved: Vec<f64>,
+}
+
+impl EarlierShared {
+    fn width(&self) -> usize {
+        self.moved.len()
+    }
+
+    /// `Cᵀ s + P δ` of the vertices' way `s` along their normals, and `C δ`.
+    fn products(&self, surface: &Surface, directions: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
+        let SharedInformation { coupling, corner } = &self.information;
+        let m = self.width();
+        let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
+            .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
+            .collect();
+        let ways =
+            (surface.vertices().iter().zip(&self.vertices).zip(directions)).map(|((x, x0), d)| dot(sub(*x, *x0), *d));
+        let of_vertices = (coupling.chunks_exact(m).zip(ways))
+            .map(|(row, way)| {
+                for (sum, c) in of_shared.iter_mut().zip(row) {
+                    *sum += c * way;
+                }
+                row.iter().zip(&self.moved).map(|(c, d)| c * d).sum()
+            })
+            .collect();
+        (of_shared, of_vertices)
+    }
 }
 
 impl SharedError {
@@ -123,7 +161,10 @@ impl SharedError {
         let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
         let pull = |a: usize| -(0..UNKNOWNS).map(|k| j[k][a] * w[k] * e[k]).sum::<f64>();
         let own = || self.unknowns.iter().copied();
-        (own().flat_map(|a| own().map(move |b| of(a, b))).collect(), own().map(pull).collect())
+        (
+            own().flat_map(|a| own().map(move |b| of(a, b))).collect(),
+            own().map(pull).collect(),
+        )
     }
 
     /// The ray through a point, where it is known.
@@ -161,12 +202,27 @@ impl SharedError {
 }
 
 impl SharedErrors {
-    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for the first of them.
-    pub(super) fn new(set: &ScanSet, observations: &Observations, origin: [f64; 3], align: bool) -> Self {
+    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for the first of them where no
+    /// earlier model is there to stand by.
+    pub(super) fn new(
+        set: &ScanSet,
+        observations: &Observations,
+        origin: [f64; 3],
+        align: bool,
+        earlier: Option<&SurfaceModel>,
+    ) -> Self {
         let size = BoundingBox::of(&observations.points).map_or(0.0, |b| b.diagonal());
         let mut made = Self {
             of_scan: vec![None; observations.channel_of_scan.len()],
             size,
+            earlier: earlier.and_then(|model| {
+                let information = model.shared.clone()?;
+                Some(EarlierShared {
+                    moved: vec![0.0; information.corner.len().isqrt()],
+                    vertices: model.surface.vertices().to_vec(),
+                    information,
+                })
+            }),
             ..Self::default()
         };
         let mut sums = vec![([0.0; 3], 0_usize); set.scans.len()];
@@ -175,7 +231,7 @@ impl SharedErrors {
                 (*sum, *count) = (add(*sum, *p), *count + 1);
             }
         }
-        let mut anchored = false;
+        let mut anchored = earlier.is_some();
         for (s, posed) in set.scans.iter().enumerate() {
             let (sum, count) = sums[s];
             let states_none = posed.sigma_translation.is_none() && posed.sigma_rotation_deg.is_none();
@@ -218,7 +274,12 @@ impl SharedErrors {
 
     /// Whether no scan has any.
     pub(super) fn is_empty(&self) -> bool {
-        self.errors.is_empty()
+        self.errors.is_empty() && self.earlier.is_none()
+    }
+
+    /// How many unknowns are of earlier sessions.
+    fn earlier_width(&self) -> usize {
+        self.earlier.as_ref().map_or(0, EarlierShared::width)
     }
 
     /// What is to be taken off the height of a position: the bias as far as it lies along the normal.
@@ -237,7 +298,12 @@ impl SharedErrors {
     /// Changes the unknowns by a step, and says how each scan of the observations is moved by it.
     pub(super) fn take(&mut self, step: &[f64]) -> Vec<Option<Pose>> {
         let mut moved = vec![None; self.errors.len()];
-        let mut start = 0;
+        let mut start = self.earlier_width();
+        if let Some(earlier) = &mut self.earlier {
+            for (way, s) in earlier.moved.iter_mut().zip(step) {
+                *way += s;
+            }
+        }
         for (error, moved) in self.errors.iter_mut().zip(&mut moved) {
             let mut by = [0.0; UNKNOWNS];
             for (&k, s) in error.unknowns.iter().zip(&step[start..]) {
@@ -250,7 +316,11 @@ impl SharedErrors {
             }
             let most = |v: [f64; 3], longest: f64| {
                 let length = norm(v);
-                if length > longest { v.map(|c| c * longest / length) } else { v }
+                if length > longest {
+                    v.map(|c| c * longest / length)
+                } else {
+                    v
+                }
             };
             let translation = most([by[0], by[1], by[2]], LONGEST_STEP * self.size);
             let rotation = most([by[3], by[4], by[5]], LONGEST_STEP);
@@ -264,7 +334,9 @@ impl SharedErrors {
             error.viewing = moved_viewing(error.viewing, &motion);
             *moved = Some(motion);
         }
-        (self.of_scan.iter()).map(|error| error.and_then(|e| moved[e])).collect()
+        (self.of_scan.iter())
+            .map(|error| error.and_then(|e| moved[e]))
+            .collect()
     }
 
     /// The motions from where scans were stated to stand to where they stand now, for those of other observations of the same set.
@@ -290,27 +362,36 @@ impl SharedErrors {
         channels: &FootChannels<'_>,
     ) -> SharedEquations {
         let nodes = system.space().node_count();
-        let mut own: Vec<Vec<u32>> = vec![Vec::new(); self.errors.len()];
-        for (k, (&i, &w)) in channels.subset.iter().zip(information).enumerate() {
-            let scan = channels.observations.scan[i as usize] as usize;
-            if w > 0.0
-                && let Some(error) = self.of_scan[scan]
-            {
-                own[error].push(k as u32);
-            }
-        }
+        let own = self.readings(information, channels);
         // Scan by scan: each has columns of its own.
         let parts: Vec<_> = (self.errors.par_iter().zip(&own))
             .map(|(error, own)| error.equations(system, surface, directions, feet, information, channels, own))
             .collect();
-        let width: usize = self.errors.iter().map(SharedError::width).sum();
+        let mut start = self.earlier_width();
+        let width = start + self.errors.iter().map(SharedError::width).sum::<usize>();
         let mut made = SharedEquations {
             coupling: vec![0.0; nodes * width],
             corner: vec![0.0; width * width],
             gradient: vec![0.0; width],
             prior: vec![0.0; width * width],
+            pull: Vec::new(),
         };
-        let mut start = 0;
+        if let Some(earlier) = &self.earlier {
+            let m = earlier.width();
+            for (row, part) in (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
+            {
+                row[..m].copy_from_slice(part);
+            }
+            for (a, part) in earlier.information.corner.chunks_exact(m).enumerate() {
+                made.corner[a * width..][..m].copy_from_slice(part);
+                made.prior[a * width..][..m].copy_from_slice(part);
+            }
+            let (of_shared, of_vertices) = earlier.products(surface, directions);
+            for (g, product) in made.gradient.iter_mut().zip(of_shared) {
+                *g = -product;
+            }
+            made.pull = of_vertices.iter().map(|product| -product).collect();
+        }
         for (error, part) in self.errors.iter().zip(parts) {
             let m = error.width();
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
@@ -328,15 +409,56 @@ impl SharedErrors {
         made
     }
 
+    /// What noise of the surface alone seems to say of the poses: `Σ w J Σ_n Jᵀ` with `J = ∂(n, (z − c) × n)/∂n`, over the covariance `Σ_n` of
+    /// the surface's normals at the feet.
+    ///
+    /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a rotation is zero; those of its
+    /// noisy estimate are not, and would count as information that nobody has, whatever the σ: more noise makes more of it.
+    pub(super) fn noise_information(
+        &self,
+        posterior: &Posterior<'_>,
+        feet: &[Foot],
+        information: &[f64],
+        channels: &FootChannels<'_>,
+    ) -> Result<Vec<f64>> {
+        let first = self.earlier_width();
+        let width = first + self.errors.iter().map(SharedError::width).sum::<usize>();
+        let own = self.readings(information, channels);
+        let parts: Vec<Vec<f64>> = (self.errors.par_iter().zip(&own))
+            .map(|(error, own)| error.noise_information(posterior, feet, information, channels, own))
+            .collect::<Result<_>>()?;
+        let mut made = vec![0.0; width * width];
+        let mut start = first;
+        for (error, part) in self.errors.iter().zip(parts) {
+            let m = error.width();
+            for (a, row) in part.chunks_exact(m).enumerate() {
+                made[(start + a) * width + start..][..m].copy_from_slice(row);
+            }
+            start += m;
+        }
+        Ok(made)
+    }
+
+    /// The readings of each error's scan that take part.
+    fn readings(&self, information: &[f64], channels: &FootChannels<'_>) -> Vec<Vec<u32>> {
+        let mut own: Vec<Vec<u32>> = vec![Vec::new(); self.errors.len()];
+        for (k, (&i, &w)) in channels.subset.iter().zip(information).enumerate() {
+            let scan = channels.observations.scan[i as usize] as usize;
+            if w > 0.0
+                && let Some(error) = self.of_scan[scan]
+            {
+                own[error].push(k as u32);
+            }
+        }
+        own
+    }
+
     /// σ of every scan's pose and bias from the reduced equations.
     pub(super) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<SharedEstimate>> {
         let covariance = bordered.shared_covariance();
         let width = bordered.shared();
-        let undetermined = bordered.undetermined(prior, DETERMINED)?;
-        let mut start = 0;
-        Ok(self
-            .errors
-            .iter()
+        let mut start = self.earlier_width();
+        (self.errors.iter())
             .map(|error| {
                 let j = error.derivative();
                 let m = error.width();
@@ -346,32 +468,32 @@ impl SharedErrors {
                     (0..m)
                         .flat_map(|p| (0..m).map(move |q| (p, q)))
                         .map(|(p, q)| {
-                            rows[error.unknowns[p]] * covariance[(start + p) * width + start + q] * columns[error.unknowns[q]]
+                            rows[error.unknowns[p]]
+                                * covariance[(start + p) * width + start + q]
+                                * columns[error.unknowns[q]]
                         })
                         .sum()
                 };
                 let pose: [[f64; 6]; 6] = std::array::from_fn(|a| std::array::from_fn(|b| of(a, b)));
-                let directions = undetermined.iter().filter_map(|v| {
-                    let mut own = [0.0; UNKNOWNS];
-                    for (&k, v) in error.unknowns.iter().zip(&v[start..]) {
-                        own[k] = *v;
-                    }
-                    let turned: [f64; 6] =
-                        std::array::from_fn(|a| (0..UNKNOWNS).map(|k| j[a][k] * own[k]).sum::<f64>());
-                    turned.iter().any(|c| c.abs() > 1e-9).then_some(turned)
-                });
+                let own: Vec<f64> = (0..m * m)
+                    .map(|k| prior[(start + k / m) * width + start + k % m])
+                    .collect();
+                let directions = bordered.undetermined(start..start + m, &own, DETERMINED)?;
+                let of_pose = |v: &Vec<f64>| -> [f64; 6] {
+                    std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
+                };
                 let made = SharedEstimate {
                     scan: error.scan,
                     stated: error.stated,
                     pose: error.now,
                     covariance: error.moves().then_some(pose),
-                    undetermined: directions.collect(),
+                    undetermined: directions.iter().map(of_pose).collect(),
                     bias: (error.unknowns.contains(&BIAS)).then(|| (error.bias, of(BIAS, BIAS).max(0.0).sqrt())),
                 };
                 start += m;
-                made
+                Ok(made)
             })
-            .collect())
+            .collect()
     }
 }
 
@@ -403,7 +525,11 @@ impl SharedEstimate {
             report.turned_deg = Some(norm(back.rotation_vector()).to_degrees());
             report.translation = add(self.pose.translation, origin);
             report.quaternion_xyzw = self.pose.quaternion_xyzw();
-            let sigma = |from: usize| ((0..3).map(|k| covariance[from + k][from + k]).sum::<f64>() / 3.0).max(0.0).sqrt();
+            let sigma = |from: usize| {
+                ((0..3).map(|k| covariance[from + k][from + k]).sum::<f64>() / 3.0)
+                    .max(0.0)
+                    .sqrt()
+            };
             report.sigma_translation = Some(sigma(0));
             report.sigma_rotation_deg = Some(sigma(ROTATION).to_degrees());
             report.covariance = Some(*covariance);
@@ -425,6 +551,8 @@ pub(super) struct SharedEquations {
     pub gradient: Vec<f64>,
     /// What was stated, alone.
     pub prior: Vec<f64>,
+    /// What earlier sessions' unknowns add to the right-hand side of the vertices; empty where there are none.
+    pub pull: Vec<f64>,
 }
 
 impl SharedEquations {
@@ -442,6 +570,45 @@ impl SharedEquations {
 }
 
 impl SharedError {
+    /// [`SharedErrors::noise_information`] of one scan, by a sample of its positions.
+    fn noise_information(
+        &self,
+        posterior: &Posterior<'_>,
+        feet: &[Foot],
+        information: &[f64],
+        channels: &FootChannels<'_>,
+        own: &[u32],
+    ) -> Result<Vec<f64>> {
+        let m = self.width();
+        let mut made = vec![0.0; m * m];
+        if !self.moves() {
+            return Ok(made);
+        }
+        let surface = posterior.surface();
+        let step = own.len().div_ceil(ENOUGH_FOR_NOISE).max(1);
+        for &k in own.iter().step_by(step) {
+            let (foot, w) = (&feet[k as usize], step as f64 * information[k as usize]);
+            let point = channels.observations.points[channels.subset[k as usize] as usize];
+            let Some(frame) =
+                (surface.tangent_rows(foot.leaf as usize, foot.local)).filter(|_| foot.quantity == Quantity::Position)
+            else {
+                continue;
+            };
+            let cell = posterior.leaf(foot.leaf as usize)?;
+            for (direction, slope) in frame.tangents.iter().zip(&frame.slopes) {
+                let variance = cell.variance_along(slope, foot.normal);
+                let turn = cross(sub(point, self.center), *direction);
+                let row = [direction[0], direction[1], direction[2], turn[0], turn[1], turn[2], 0.0];
+                for (a, &ka) in self.unknowns.iter().enumerate() {
+                    for (b, &kb) in self.unknowns.iter().enumerate() {
+                        made[a * m + b] += w * variance * row[ka] * row[kb];
+                    }
+                }
+            }
+        }
+        Ok(made)
+    }
+
     fn equations(
         &self,
         system: &SurfaceSystem,
@@ -459,6 +626,7 @@ impl SharedError {
             corner: prior.clone(),
             gradient,
             prior,
+            pull: Vec::new(),
         };
         for &k in own {
             let (foot, w) = (&feet[k as usize], information[k as usize]);

@@ -30,10 +30,13 @@ const MOST_FINDING_ITERATIONS: usize = 8;
 const FOUND: f64 = 30.0;
 /// Iterations at the end.
 const LAST_ITERATIONS: usize = 7;
+const LAST_ITERATIONS_WITH_POSES: usize = 14;
 /// The surface is at rest when the mean square step that readings see is this share of its variance, with what only the prior holds not
 /// more than so many times its variance off, and its weight has settled to within so much.
 const AT_REST: f64 = 0.1;
 const UNSEEN_AT_REST: f64 = 4.0;
+/// The same of what scans share: they slide along the surface with the feet of their readings, and come nearer by half in each iteration.
+const SHARED_AT_REST: f64 = 0.02;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
@@ -85,7 +88,11 @@ pub(super) struct Settled {
 }
 
 /// Finds the first shape and settles it.
-pub(super) fn settle(observations: &mut Observations, options: &FitOptions, progress: &dyn Progress) -> Result<Settled> {
+pub(super) fn settle(
+    observations: &mut Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
     let size = observations.len();
     let some: Vec<u32> = (0..size as u32)
         .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
@@ -238,7 +245,9 @@ pub(super) fn refine_to_noise(
             let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
             project(&surface, observations, &lost, &mut at, Some(&search), &noise.used);
         }
-        let iterations = if final_round {
+        let iterations = if final_round && !observations.shared.is_empty() {
+            LAST_ITERATIONS_WITH_POSES
+        } else if final_round {
             LAST_ITERATIONS
         } else {
             MOST_FINDING_ITERATIONS
@@ -281,8 +290,10 @@ pub(super) fn refine_to_noise(
             let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
             let next = next.clamp(0.2 * start, 5.0 * start).min(stiffest);
             weight = Some(next);
-            let resting =
-                step.seen < AT_REST && step.decrement < UNSEEN_AT_REST && (next / start - 1.0).abs() < WEIGHT_AT_REST;
+            let resting = step.seen < AT_REST
+                && step.shared_decrement < SHARED_AT_REST
+                && step.decrement < UNSEEN_AT_REST
+                && (next / start - 1.0).abs() < WEIGHT_AT_REST;
             degrees = Some(step.degrees);
             if resting || (!final_round && iteration + 1 >= FINDING_ITERATIONS && step.decrement < FOUND) {
                 break;

@@ -1,0 +1,263 @@
+//! Scans that stand elsewhere than stated, and sensors that err alike in all readings of a scan: what was changed comes back within its σ.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+mod common;
+
+use nalgebra::{DMatrix, DVector};
+use planish::fit::{Fit, FitOptions, fit, update};
+use planish::model::{PoseReport, Posterior};
+use planish::progress::Silent;
+use planish::simulate::{ScanScene, ScanSceneOptions, scans};
+use planish_exchange::ScanSet;
+use planish_sense::Pose;
+use planish_spline::Shape;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+fn normals3(rng: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
+    std::array::from_fn(|_| {
+        let z: f64 = StandardNormal.sample(rng);
+        sigma * z
+    })
+}
+
+fn scene(shape: Shape, seed: u64) -> ScanScene {
+    let options = ScanSceneOptions {
+        shape,
+        seed,
+        readings: 12_000,
+        views: 6,
+        old_scanner: false,
+        probe_points: 0,
+        outlier_share: 0.0,
+        ..ScanSceneOptions::default()
+    };
+    scans(&options).unwrap()
+}
+
+/// Turns and moves every scan but the first by errors of these σ, and says so in what is stated.
+fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotation_deg: f64) -> Vec<Pose> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut truths = Vec::new();
+    for (s, posed) in scene.set.scans.iter_mut().enumerate() {
+        let truth = posed.scan.world_from_scanner;
+        truths.push(truth);
+        if s > 0 {
+            let turn = Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), [0.0; 3]);
+            let t = normals3(&mut rng, sigma_translation);
+            posed.scan.world_from_scanner = Pose {
+                translation: std::array::from_fn(|k| truth.translation[k] + t[k]),
+                ..turn.after(&Pose {
+                    translation: [0.0; 3],
+                    ..truth
+                })
+            };
+            (posed.sigma_translation, posed.sigma_rotation_deg) = (Some(sigma_translation), Some(sigma_rotation_deg));
+        }
+    }
+    truths
+}
+
+/// `eᵀ C⁻¹ e` of an estimated pose: 6 on average.
+fn squared_error(report: &PoseReport, truth: &Pose) -> f64 {
+    let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation).unwrap();
+    let turn = found.after(&truth.inverse()).rotation_vector();
+    let t: [f64; 3] = std::array::from_fn(|k| found.translation[k] - truth.translation[k]);
+    let e = DVector::from_column_slice(&[t[0], t[1], t[2], turn[0], turn[1], turn[2]]);
+    let covariance = DMatrix::from_fn(6, 6, |a, b| report.covariance.unwrap()[a][b]);
+    e.dot(&covariance.lu().solve(&e).unwrap())
+}
+
+fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
+    let options = FitOptions {
+        shape: Some(scene.options.shape),
+        align,
+        ..FitOptions::default()
+    };
+    fit(&scene.set, &options, &Silent).unwrap()
+}
+
+#[test]
+fn poses_come_back_within_their_covariance() {
+    let (mut all, mut worst) = (Vec::new(), 0.0_f64);
+    for seed in 0..4 {
+        let mut scene = scene(Shape::Ball, seed);
+        let truths = shake(&mut scene, 100 + seed, 0.5, 0.5);
+        let fitted = fit_scene(&scene, false);
+        for (report, truth) in fitted.report.poses.iter().zip(&truths).skip(1) {
+            let e = squared_error(report, truth);
+            worst = worst.max(report.sigma_translation.unwrap());
+            assert!(report.undetermined.is_empty(), "{report:?}");
+            all.push(e);
+        }
+        assert!(fitted.report.rms_normalised < 1.1, "{}", fitted.report.rms_normalised);
+    }
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    println!(
+        "mean square error over covariance: {mean:.2} of {} poses (6 wanted), largest σ {worst:.4}",
+        all.len()
+    );
+    println!("{all:.1?}");
+    // 20 poses of 6 numbers: the standard deviation of the mean is 0.8.
+    assert!((3.5..9.0).contains(&mean), "{mean}");
+}
+
+/// Two clouds of a touch probe on a sphere, each more than half of it, the second with an uncertain pose.
+fn sphere(rng: &mut ChaCha8Rng, radius: f64, sigma: f64) -> ScanSet {
+    let mut set = common::probed(Vec::new(), None, Some(sigma));
+    let template = set.scans.pop().unwrap();
+    for (name, side) in [("below", -1.0), ("above", 1.0)] {
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        while points.len() < 2_000 {
+            let n = normals3(rng, 1.0);
+            let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let n = n.map(|c| c / length);
+            if side * n[2] > -0.3 {
+                let noise = normals3(rng, sigma);
+                points.push(std::array::from_fn(|k| radius * n[k] + noise[k]));
+                normals.push(n);
+            }
+        }
+        let mut posed = template.clone();
+        (posed.scan.name, posed.scan.points, posed.scan.normals) = (name.to_owned(), points, Some(normals));
+        set.scans.push(posed);
+    }
+    set
+}
+
+fn options(shape: Shape) -> FitOptions {
+    FitOptions {
+        shape: Some(shape),
+        ..FitOptions::default()
+    }
+}
+
+#[test]
+fn a_sphere_leaves_three_rotations_undetermined() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut set = sphere(&mut rng, 20.0, 0.02);
+    (set.scans[1].sigma_translation, set.scans[1].sigma_rotation_deg) = (Some(0.3), Some(1.0));
+    let fitted = fit(&set, &options(Shape::Ball), &Silent).unwrap();
+    let pose = &fitted.report.poses[1];
+    println!(
+        "{:?} {:?}\n{:?}",
+        pose.sigma_translation, pose.sigma_rotation_deg, pose.undetermined
+    );
+    assert_eq!(pose.undetermined.len(), 3);
+    for direction in &pose.undetermined {
+        // They turn about the middle, which is the scanner's origin here: one σ of rotation, and no motion.
+        let moved = direction[..3].iter().map(|c| c * c).sum::<f64>().sqrt();
+        let turned = direction[3..].iter().map(|c| c * c).sum::<f64>().sqrt().to_degrees();
+        assert!(moved < 0.02 && (turned - 1.0).abs() < 0.05, "{direction:?}");
+    }
+    assert!(pose.sigma_translation.unwrap() < 0.05 && pose.sigma_rotation_deg.unwrap() > 0.9);
+    // The other, whose pose is exact, has none.
+    assert!(fitted.report.poses[0].covariance.is_none());
+}
+
+/// Six clouds over a plane, each off by a bias of its own.
+fn biased_plane(rng: &mut ChaCha8Rng, sigma: f64, bias: f64) -> ScanSet {
+    let mut set = common::probed(Vec::new(), None, Some(sigma));
+    let template = set.scans.pop().unwrap();
+    for s in 0..6 {
+        let [offset, ..] = normals3(rng, bias);
+        let mut posed = template.clone();
+        posed.scan.name = format!("pass-{s}");
+        posed.scan.points = (0..300)
+            .map(|_| {
+                let [x, y] = [(); 2].map(|()| 40.0 * rng.random::<f64>());
+                [x, y, offset + normals3(rng, sigma)[0]]
+            })
+            .collect();
+        set.scans.push(posed);
+    }
+    set
+}
+
+/// Height and σ at the middle of a leaf in the middle.
+fn height(fitted: &Fit) -> (f64, f64) {
+    let surface = &fitted.model.surface;
+    let leaf = surface.space().leaves().len() / 2;
+    let at = surface.leaf_jet(leaf, 0.5, 0.5);
+    let cell = fitted.posterior().leaf(leaf).unwrap();
+    (
+        at.point[2],
+        Posterior::sigma_along(&cell, [0.5, 0.5], at.normal().unwrap()),
+    )
+}
+
+#[test]
+fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
+    const BIAS: f64 = 0.1;
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for seed in 0..12 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut set = biased_plane(&mut rng, 0.02, BIAS);
+        for (stated, scores) in [(None, &mut without), (Some(BIAS), &mut with)] {
+            set.sensors[0].sigma_bias = stated;
+            let fitted = fit(&set, &options(Shape::Sheet), &Silent).unwrap();
+            let (z, sigma) = height(&fitted);
+            scores.push(z / sigma);
+            if stated.is_some() {
+                let pose = &fitted.report.poses[0];
+                assert!(pose.bias.is_some() && pose.sigma_bias.unwrap() < BIAS && pose.covariance.is_none());
+                assert!((fitted.report.sensors[0].sigma_estimated - 0.02).abs() < 0.002);
+            }
+        }
+    }
+    let rms = |scores: &[f64]| (scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64).sqrt();
+    println!(
+        "deviations over σ: {:.2} with the bias stated, {:.2} without",
+        rms(&with),
+        rms(&without)
+    );
+    // Twelve draws: the rms of as many standard normals lies in 0.55 … 1.5 but for one time in a hundred.
+    assert!((0.55..1.5).contains(&rms(&with)), "{with:?}");
+    assert!(rms(&without) > 3.0, "{without:?}");
+}
+
+#[test]
+fn an_update_keeps_what_earlier_scans_share() {
+    // A biased session, then an unbiased one over the same place: the biases of the first are found out by the second.
+    let mut rng = ChaCha8Rng::seed_from_u64(40);
+    let mut set = biased_plane(&mut rng, 0.02, 0.5);
+    set.sensors[0].sigma_bias = Some(0.5);
+    let options = options(Shape::Sheet);
+    let first = fit(&set, &options, &Silent).unwrap();
+    let exact = biased_plane(&mut rng, 0.02, 0.0);
+    let both = update(&first.model, &exact, &options, &Silent).unwrap();
+    // As if the first session's scans had erred independently.
+    let mut believed = first.model.clone();
+    believed.shared = None;
+    let misled = update(&believed, &exact, &options, &Silent).unwrap();
+    let [before, after, wrong] = [&first, &both, &misled].map(height);
+    println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
+    assert!(before.1 > 0.15 && after.1 < 0.05 * before.1);
+    assert!(after.0.abs() < 4.0 * after.1, "{after:?}");
+    assert!(wrong.0.abs() > 8.0 * wrong.1, "{wrong:?}");
+    assert_eq!(both.model.shared.as_ref().unwrap().corner.len(), 36);
+}
+
+#[test]
+fn align_brings_scans_back_that_nobody_said_were_off() {
+    let mut scene = scene(Shape::Ball, 7);
+    let truths = shake(&mut scene, 3, 1.0, 0.6);
+    for posed in &mut scene.set.scans {
+        (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
+    }
+    let (left, aligned) = (fit_scene(&scene, false), fit_scene(&scene, true));
+    println!(
+        "rms {:.4} as stated, {:.4} aligned",
+        left.report.rms, aligned.report.rms
+    );
+    assert!(aligned.report.rms < 0.5 * left.report.rms);
+    let errors: Vec<f64> = (aligned.report.poses.iter().zip(&truths).skip(1))
+        .map(|(report, truth)| squared_error(report, truth))
+        .collect();
+    println!("squared errors over covariance {errors:.1?}");
+    assert!(errors.iter().sum::<f64>() / (errors.len() as f64) < 12.0);
+    assert!(aligned.report.poses[0].covariance.is_none());
+}
