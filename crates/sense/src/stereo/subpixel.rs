@@ -30,6 +30,8 @@ const AT_REST: f32 = 0.02;
 const PILOT: usize = 5;
 /// Least squares may move a disparity by so many pixels.
 const MOST_MOVE: f32 = 1.0;
+/// Mean squared slope of brightness over the variance of the residuals, at least. Noise alone has 0.4 where nothing is seen: slopes between pixels have half its variance, residuals a little more than it.
+const LEAST_TEXTURE: f32 = 0.6;
 /// Residual variance of a small window is drawn to that of the image with so many pixels' weight.
 const SHRINKAGE: f32 = 5.0;
 
@@ -156,6 +158,9 @@ impl Window {
             let shrunk = noise.map_or(residual, |noise| {
                 (sums.weight * residual + SHRINKAGE * noise) / (sums.weight + SHRINKAGE)
             });
+            if information < LEAST_TEXTURE * residual * sums.weight {
+                return None;
+            }
             variance = residual;
             sigma = (shrunk * spread).sqrt() / information;
             disparity += step.clamp(-0.5, 0.5);
