@@ -328,8 +328,25 @@ const CAMERA: &[&str] = &[
 
 const PGM: &[&str] = &["P2", "P3", "P5", "P6", "255", "65535", "#", "\n", " ", "4294967296"];
 const GRID: &[&str] = &[
-    "unit", "sigma_px", "[camera]", "[projector]", "[stripes]", "K", "R", "t", "directions_deg", "spacing", "origin", "range", "[", "]", "=",
-    "1e308", "nan", "2147483647", "-1024",
+    "unit",
+    "sigma_px",
+    "[camera]",
+    "[projector]",
+    "[stripes]",
+    "K",
+    "R",
+    "t",
+    "directions_deg",
+    "spacing",
+    "origin",
+    "range",
+    "[",
+    "]",
+    "=",
+    "1e308",
+    "nan",
+    "2147483647",
+    "-1024",
 ];
 const LIGHTS: &[&str] = &[
     "unit",

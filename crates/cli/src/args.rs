@@ -336,6 +336,12 @@ pub struct StereoArgs {
     /// Write points (.ply) or disparities with σ (.tif, .npy); may be given several times
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
+    /// Write no points whose disparity has a larger σ [default: all]; beside depth edges it is large
+    #[arg(long, value_name = "PIXELS", value_parser = positive, allow_negative_numbers = true)]
+    pub max_sigma: Option<f64>,
+    /// Write points of every so manieth column and row: neighbours less than 9 pixels apart err alike
+    #[arg(long, value_name = "PIXELS", default_value = "1", value_parser = step)]
+    pub step: usize,
     /// Disparities that are looked for, in pixels; memory and time grow with them
     #[arg(long, value_name = "FROM..TO", default_value = "0..127", value_parser = disparities, allow_hyphen_values = true,
           help_heading = "Matching")]
@@ -749,6 +755,13 @@ fn gate(text: &str) -> Result<f64, String> {
 fn whole(text: &str) -> Result<usize, String> {
     text.parse()
         .map_err(|_| "needed a whole number that is not below 0".to_owned())
+}
+
+fn step(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n @ 1..=1024) => Ok(n),
+        _ => Err("needed a whole number from 1 to 1024".to_owned()),
+    }
 }
 
 fn seed(text: &str) -> Result<u64, String> {

@@ -5,7 +5,7 @@ use crate::numbers::{count, percent, significant};
 use crate::report::{self, Lines, Summary};
 use planish::progress::Progress;
 use planish::sense::{SenseJob, SenseKind, SenseReport, SigmaSummary, sense};
-use planish::{Error, GridOptions, Result, StereoOptions, Unit};
+use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
 use serde::Serialize;
 
 /// The keys of `sense` beside the common ones.
@@ -70,6 +70,10 @@ fn stereo(args: &StereoArgs) -> Result<SenseKind> {
             uniqueness: args.uniqueness,
             left_right: args.left_right,
             speckle: args.speckle,
+        },
+        points: StereoPoints {
+            step: args.step,
+            max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY),
         },
     })
 }
@@ -142,7 +146,11 @@ fn text(done: &SenseReport) -> String {
     lines.facts([
         ("left out", rejected.join(", ")),
         (
-            if done.kind == "grid" { "σ of crossings" } else { "σ of disparity" },
+            if done.kind == "grid" {
+                "σ of crossings"
+            } else {
+                "σ of disparity"
+            },
             sigma(&done.sigma_px, "px"),
         ),
         ("σ along rays", sigma(&done.sigma, unit)),

@@ -5,9 +5,8 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, write_picture_scene,
-    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene,
-    write_sphere,
+    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS, ScanSceneOptions,
+    ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_picture_scene, write_scans_scene, write_sphere,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -87,7 +86,11 @@ fn picture_text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSumm
         count(truth.poses.len())
     ));
     lines.gap();
-    lines.line(format!("Wrote {} files to {}. Next, for each view:", made.files.len(), args.out.display()));
+    lines.line(format!(
+        "Wrote {} files to {}. Next, for each view:",
+        made.files.len(),
+        args.out.display()
+    ));
     let at = |name: &str| args.out.join(name).display().to_string();
     let [first, second] = scene.pictures(1).map(|name| at(&name));
     let between = if scene == PictureScene::Grid { " --plain " } else { " " };

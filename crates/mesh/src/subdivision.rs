@@ -23,7 +23,9 @@ impl TriangleMesh {
     pub fn subdivided(&self) -> Result<Self> {
         self.sanity_check()?;
         let welded = self.welded();
-        let triangles: Vec<[u32; 3]> = (welded.triangles.iter().copied()).filter(|t| !is_collapsed(*t)).collect();
+        let triangles: Vec<[u32; 3]> = (welded.triangles.iter().copied())
+            .filter(|t| !is_collapsed(*t))
+            .collect();
         let table = EdgeTable::of(&triangles);
         let old = &welded.positions;
         let inner = |edge: usize| table.half_edges(edge).len() == 2;
@@ -31,7 +33,11 @@ impl TriangleMesh {
         let mut border: Vec<(usize, [f64; 3])> = around.clone();
         for (edge, ends) in table.ends.iter().enumerate() {
             for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
-                let lists = if inner(edge) { vec![&mut around] } else { vec![&mut around, &mut border] };
+                let lists = if inner(edge) {
+                    vec![&mut around]
+                } else {
+                    vec![&mut around, &mut border]
+                };
                 for list in lists {
                     let (count, sum) = &mut list[own as usize];
                     *count += 1;
@@ -86,8 +92,14 @@ mod tests {
         let fine = coarse.subdivided().unwrap().subdivided().unwrap();
         assert_eq!(fine.triangles.len(), 16 * coarse.triangles.len());
         assert!(fine.check().watertight);
-        let radii: Vec<f64> = fine.positions.iter().map(|p| planish_estimate::vector3::norm(*p)).collect();
-        let (least, most) = radii.iter().fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
+        let radii: Vec<f64> = fine
+            .positions
+            .iter()
+            .map(|p| planish_estimate::vector3::norm(*p))
+            .collect();
+        let (least, most) = radii
+            .iter()
+            .fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
         // Chords of the coarse ball cut 6 % off.
         assert!(most / least < 1.01, "{least} {most}");
     }

@@ -23,7 +23,7 @@ use planish_exchange::raster::write_raster;
 use planish_exchange::{Unit, check_writable, extension, real_path};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
-    Image, PhotometricOptions, Scan, StereoOptions, StereoRejected, lights_from_ball, match_stereo,
+    Image, PhotometricOptions, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball, match_stereo,
     normals_from_colours, photometric_normals,
 };
 use serde::Serialize;
@@ -43,6 +43,8 @@ pub enum SenseKind {
         calibration: Option<PathBuf>,
         /// How they are matched.
         options: StereoOptions,
+        /// Which of the disparities are written as points.
+        points: StereoPoints,
     },
     /// A picture of crossed stripes.
     Grid {
@@ -248,7 +250,8 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
             right,
             calibration,
             options,
-        } => stereo(left, right, calibration.as_deref(), options, &working)?,
+            points,
+        } => stereo([left, right], calibration.as_deref(), options, points, &working)?,
         SenseKind::Grid {
             image,
             plain,
@@ -305,10 +308,10 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 }
 
 fn stereo(
-    left: &Path,
-    right: &Path,
+    [left, right]: [&Path; 2],
     calibration: Option<&Path>,
     options: &StereoOptions,
+    points: &StereoPoints,
     progress: &dyn Progress,
 ) -> Result<Sensed> {
     let calibration = calibration.map(read_stereo_calibration).transpose()?;
@@ -318,7 +321,7 @@ fn stereo(
         progress.check("matching", share)
     })
     .map_err(|e| in_context(e, blame()))?;
-    let scan = calibration.map(|c| c.camera.scan(&map, "stereo")).transpose();
+    let scan = calibration.map(|c| c.camera.scan(&map, points, "stereo")).transpose();
     let scan = scan.map_err(|e| e.in_context(blame()))?;
     let known: Vec<f64> = map
         .sigma
@@ -372,14 +375,18 @@ fn grid(image: &Path, plain: Option<&Path>, calibration: &Path, options: &GridOp
     let known = read_grid_calibration(calibration)?;
     let picture = read_brightness(image)?;
     let without = plain.map(read_brightness).transpose()?;
-    let found = read_grid(&picture, without.as_ref(), &known.grid, options).map_err(|e| e.in_context(image.display()))?;
+    let found =
+        read_grid(&picture, without.as_ref(), &known.grid, options).map_err(|e| e.in_context(image.display()))?;
     let GridRejected {
         no_crossing,
         no_index,
         off_line,
         undetermined,
     } = found.rejected;
-    let bent: Vec<f64> = (found.readings.iter()).filter_map(|r| r.curvature).map(|c| c.sigma).collect();
+    let bent: Vec<f64> = (found.readings.iter())
+        .filter_map(|r| r.curvature)
+        .map(|c| c.sigma)
+        .collect();
     let causes = [
         ("no_crossing", no_crossing),
         ("no_index", no_index),

@@ -199,7 +199,13 @@ fn contrast(image: &Image) -> f32 {
     let bright = values.len() * 99 / 100;
     let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
-        .flat_map(|y| image.row(y).windows(2).filter(|w| w[0].min(w[1]) >= dark).map(|w| (w[1] - w[0]).abs()))
+        .flat_map(|y| {
+            image
+                .row(y)
+                .windows(2)
+                .filter(|w| w[0].min(w[1]) >= dark)
+                .map(|w| (w[1] - w[0]).abs())
+        })
         .filter(|change| *change > 0.0)
         .collect();
     let middle = changes.len() / 2;

@@ -79,7 +79,10 @@ impl Pinhole {
     /// The direction in the world that a pixel looks along, `Rᵀ K⁻¹ (x, y, 1)`; none where K has no inverse.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        Some(transposed(&self.r, times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0])))
+        Some(transposed(
+            &self.r,
+            times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0]),
+        ))
     }
 
     /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
@@ -207,7 +210,11 @@ pub fn orientation(
     let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
         upper_triangle(|i, j| {
             let seen: f64 = (0..4)
-                .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
+                .map(|k| {
+                    (0..4)
+                        .map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j])
+                        .sum::<f64>()
+                })
                 .sum();
             let thrown: f64 = (4..6).map(|k| of(k)[i] * of(k)[j]).sum();
             seen + covariance.projector_px.powi(2) * thrown

@@ -290,15 +290,21 @@ impl Stage {
             }
             Some(path) => {
                 let read = read_mesh(path)?;
-                let mut mesh = TriangleMesh::try_new(read.points, read.triangles).map_err(|e| e.in_context(path.display()))?;
+                let mut mesh =
+                    TriangleMesh::try_new(read.points, read.triangles).map_err(|e| e.in_context(path.display()))?;
                 for _ in 0..options.subdivide {
                     mesh = mesh.subdivided().map_err(|e| e.in_context(path.display()))?;
                 }
-                let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+                let name = path
+                    .file_name()
+                    .map(|n| n.to_string_lossy().into_owned())
+                    .unwrap_or_default();
                 (mesh, name, read.unit.unwrap_or(options.unit))
             }
         };
-        let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("a mesh without points cannot be seen"))?;
+        let bounds = mesh
+            .bounding_box()
+            .ok_or_else(|| Error::undetermined("a mesh without points cannot be seen"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         let far = DISTANCE * diagonal;
         let mut up = [0.0; 3];
@@ -315,7 +321,9 @@ impl Stage {
                 half = [half[0].max(x.abs() / z), half[1].max(y.abs() / z)];
             }
         }
-        let focal = (0..2).map(|k| FILLED * 0.5 * options.size[k] as f64 / half[k]).fold(f64::INFINITY, f64::min);
+        let focal = (0..2)
+            .map(|k| FILLED * 0.5 * options.size[k] as f64 / half[k])
+            .fold(f64::INFINITY, f64::min);
         Ok(Self {
             search: MeshSearch::try_new(&mesh)?,
             mesh,
@@ -339,7 +347,11 @@ impl Stage {
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
         let inverse = pose.inverse();
         Pinhole {
-            k: [[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]],
+            k: [
+                [self.focal, 0.0, cx],
+                [0.0, self.focal, self.axis()[1]],
+                [0.0, 0.0, 1.0],
+            ],
             r: inverse.rotation,
             t: inverse.translation,
         }
@@ -406,7 +418,9 @@ impl Stage {
             },
             sigma_brightness: self.options.sigma_brightness,
             // Every picture has noise of its own.
-            seed: self.options.seed.wrapping_add(1 + 2 * view as u64 + which as u64 + if scene == PictureScene::Grid { 1 << 32 } else { 0 }),
+            seed: self.options.seed.wrapping_add(
+                1 + 2 * view as u64 + which as u64 + if scene == PictureScene::Grid { 1 << 32 } else { 0 },
+            ),
         };
         exposure.take(&self.search, &mut |share| progress.check("taking pictures", share))
     }
@@ -427,11 +441,18 @@ impl Stage {
                 // All views have the same projector, seen from the camera.
                 let camera_from_world = self.poses[0].inverse();
                 let projector = self.projector(0).map(|p| {
-                    let world_from_projector = Pose { rotation: p.r, translation: p.t }.inverse();
+                    let world_from_projector = Pose {
+                        rotation: p.r,
+                        translation: p.t,
+                    }
+                    .inverse();
                     camera_from_world.after(&world_from_projector).inverse()
                 });
                 let projector = projector.unwrap_or_default();
-                let k = format!("[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], [0.0, 0.0, 1.0]]", self.focal, self.focal);
+                let k = format!(
+                    "[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], [0.0, 0.0, 1.0]]",
+                    self.focal, self.focal
+                );
                 write!(
                     text,
                     "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = {:?}\n\n[stripes]\ndirections_deg = {STRIPES_DEG:?}\nspacing = {:?}\norigin = {:?}\nrange = {:?}\n",
@@ -503,5 +524,6 @@ fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_d
         translation: position,
     };
     // The pose of the quaternion as it is written, so that pictures and job agree.
-    Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position).ok_or_else(|| Error::input("a view without a direction"))
+    Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
+        .ok_or_else(|| Error::input("a view without a direction"))
 }

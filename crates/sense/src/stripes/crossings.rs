@@ -262,7 +262,9 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
                 .filter(|r| {
                     let d = [r.place[0] - centre[0], r.place[1] - centre[1]];
                     let from_other = (d[1] * other[0] - d[0] * other[1]).abs();
-                    aligned(r, own) >= TURNED_COS && aligned(r, own) > aligned(r, other) && from_other >= BLURRED * ridges.scale
+                    aligned(r, own) >= TURNED_COS
+                        && aligned(r, own) > aligned(r, other)
+                        && from_other >= BLURRED * ridges.scale
                 })
                 .collect();
             Stripe::through(ridges, &places, centre, own)
@@ -299,9 +301,7 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
         .collect();
     let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
     let first = *doubled.first()?;
-    let far = |from: [f64; 2]| {
-        (doubled.iter().copied()).min_by(|a, b| dot(*a, from).total_cmp(&dot(*b, from)))
-    };
+    let far = |from: [f64; 2]| (doubled.iter().copied()).min_by(|a, b| dot(*a, from).total_cmp(&dot(*b, from)));
     let a = far(first)?;
     let mut means = [a, far(a)?];
     for _ in 0..6 {

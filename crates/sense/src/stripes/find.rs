@@ -110,7 +110,12 @@ pub struct GridReadings {
 ///
 /// # Errors
 /// `Input` for a pattern, a scale or a σ that make no sense, and a plain picture of another size; `Undetermined` where no crossing can be told.
-pub fn read_grid(image: &Image, plain: Option<&Image>, grid: &GridCamera, options: &GridOptions) -> Result<GridReadings> {
+pub fn read_grid(
+    image: &Image,
+    plain: Option<&Image>,
+    grid: &GridCamera,
+    options: &GridOptions,
+) -> Result<GridReadings> {
     grid.pattern.sanity_check()?;
     check(options.scale_px, "scale of the stripes", 0.5, 20.0)?;
     check(grid.sigma_px, "sigma_px", f64::MIN_POSITIVE, 100.0)?;
@@ -161,9 +166,16 @@ pub fn read_grid(image: &Image, plain: Option<&Image>, grid: &GridCamera, option
     let sigma_angle = judged(&told_pieces.iter().flat_map(both_sides).collect::<Vec<_>>()).unwrap_or(0.0);
     for piece in &told_pieces {
         let straight = |at: &[i32; 2]| {
-            off_chords(piece, *at).iter().flatten().all(|r| r.normalised(sigma_angle) <= GATE * GATE)
+            off_chords(piece, *at)
+                .iter()
+                .flatten()
+                .all(|r| r.normalised(sigma_angle) <= GATE * GATE)
         };
-        let kept: BTreeMap<[i32; 2], &Told> = piece.iter().filter(|(at, _)| straight(at)).map(|(at, t)| (*at, t)).collect();
+        let kept: BTreeMap<[i32; 2], &Told> = piece
+            .iter()
+            .filter(|(at, _)| straight(at))
+            .map(|(at, t)| (*at, t))
+            .collect();
         rejected.undetermined += made.add_piece(&kept, sigma_angle, grid);
     }
     rejected.off_line = told - made.readings.len() - rejected.undetermined;
@@ -177,7 +189,9 @@ pub fn read_grid(image: &Image, plain: Option<&Image>, grid: &GridCamera, option
 fn check(value: f64, name: &str, least: f64, most: f64) -> Result<()> {
     match value >= least && value <= most {
         true => Ok(()),
-        false => Err(Error::input(format!("needed a {name} from {least} to {most} pixels, found {value}"))),
+        false => Err(Error::input(format!(
+            "needed a {name} from {least} to {most} pixels, found {value}"
+        ))),
     }
 }
 
@@ -237,13 +251,18 @@ fn judged(residuals: &[Residual]) -> Option<f64> {
     if residuals.len() < ENOUGH_TO_JUDGE {
         return None;
     }
-    let mean = |x: f64| residuals.iter().map(|r| r.normalised(x).min(MOST_SQUARE)).sum::<f64>() / residuals.len() as f64;
+    let mean =
+        |x: f64| residuals.iter().map(|r| r.normalised(x).min(MOST_SQUARE)).sum::<f64>() / residuals.len() as f64;
     // The mean falls as x grows: halved in logarithms.
     let strength = residuals.iter().map(|r| r.scaled).sum::<f64>() / residuals.len() as f64;
     let (mut low, mut high) = (1e-5 / strength.sqrt(), 10.0 / strength.sqrt());
     for _ in 0..60 {
         let middle = (low * high).sqrt();
-        if mean(middle) > MEAN_SQUARE { low = middle } else { high = middle }
+        if mean(middle) > MEAN_SQUARE {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     Some((low * high).sqrt())
 }
@@ -279,7 +298,13 @@ fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residua
     let own = &piece[&at];
     [0, 1].map(|set| {
         // Along a stripe of one set those of the other are counted.
-        let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
+        let beside = |by: i32| {
+            piece.get(&if set == 0 {
+                [at[0], at[1] + by]
+            } else {
+                [at[0] + by, at[1]]
+            })
+        };
         let chord = |a: &Told, b: &Told| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
             (d[1].atan2(d[0]), (a.place() + b.place()) / (d[0] * d[0] + d[1] * d[1]))
@@ -295,7 +320,11 @@ fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residua
                 let (slope, of_chord) = chord(own, other);
                 let there = half_turn(other.angles_rad[set] - slope);
                 let of_other = other.covariance[2 + set][2 + set];
-                (half_turn(angle - slope) + there, variance + of_other + 4.0 * of_chord, 2.0)
+                (
+                    half_turn(angle - slope) + there,
+                    variance + of_other + 4.0 * of_chord,
+                    2.0,
+                )
             }
             (None, None) => return None,
         };
@@ -310,7 +339,11 @@ fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residua
 /// The angle between two lines, from −π/2 to π/2.
 fn half_turn(angle: f64) -> f64 {
     let turned = angle.rem_euclid(std::f64::consts::PI);
-    if turned > std::f64::consts::FRAC_PI_2 { turned - std::f64::consts::PI } else { turned }
+    if turned > std::f64::consts::FRAC_PI_2 {
+        turned - std::f64::consts::PI
+    } else {
+        turned
+    }
 }
 
 impl GridReadings {
@@ -379,7 +412,12 @@ impl GridReadings {
             sigma_normal_deg: Some(self.readings.iter().map(|r| of(r).sigma_normal_deg).collect()),
             curvatures: Some(curvatures.collect()),
             // A σ is wanted above zero even where nothing is known.
-            sigma_curvature: Some(self.readings.iter().map(|r| r.curvature.map_or(1.0, |c| c.sigma)).collect()),
+            sigma_curvature: Some(
+                self.readings
+                    .iter()
+                    .map(|r| r.curvature.map_or(1.0, |c| c.sigma))
+                    .collect(),
+            ),
             viewing: Viewing::Origin(self.viewpoint),
             ..Scan::default()
         }

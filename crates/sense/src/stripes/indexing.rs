@@ -141,8 +141,16 @@ mod tests {
     #[test]
     fn what_both_see_lies_on_its_line() {
         let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
-        let camera = Pinhole { k, r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]], t: [3.0, -4.0, 10.0] };
-        let projector = Pinhole { k, r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]], t: [-90.0, 20.0, 30.0] };
+        let camera = Pinhole {
+            k,
+            r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
+            t: [3.0, -4.0, 10.0],
+        };
+        let projector = Pinhole {
+            k,
+            r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]],
+            t: [-90.0, 20.0, 30.0],
+        };
         let lines = EpipolarLines::new(&camera, &projector).unwrap();
         for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
             let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());

@@ -136,7 +136,14 @@ fn closes(next: &[Next], from: usize, way: usize, hand: usize) -> bool {
 fn piece(next: &[Next], start: usize, seen: &mut [bool]) -> Vec<Knot> {
     let mut knots: BTreeMap<usize, Knot> = BTreeMap::new();
     let mut wrong = Vec::new();
-    knots.insert(start, Knot { crossing: start, at: [0; 2], turn: 0 });
+    knots.insert(
+        start,
+        Knot {
+            crossing: start,
+            at: [0; 2],
+            turn: 0,
+        },
+    );
     let mut queue = VecDeque::from([start]);
     seen[start] = true;
     while let Some(from) = queue.pop_front() {

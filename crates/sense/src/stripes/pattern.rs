@@ -72,7 +72,9 @@ impl StripePattern {
     /// Whether both stripes are part of the pattern.
     #[must_use]
     pub fn holds(&self, of: [i32; 2]) -> bool {
-        of.iter().zip(&self.range).all(|(k, [first, last])| k >= first && k <= last)
+        of.iter()
+            .zip(&self.range)
+            .all(|(k, [first, last])| k >= first && k <= last)
     }
 }
 
@@ -94,8 +96,18 @@ mod tests {
             assert!((0..2).all(|k| (found[k] - of[k]).abs() < 1e-12), "{found:?}");
         }
         assert!(pattern.holds([5, -5]) && !pattern.holds([6, 0]));
-        let same = StripePattern { directions_rad: [0.4, 0.4 + std::f64::consts::PI], ..pattern };
+        let same = StripePattern {
+            directions_rad: [0.4, 0.4 + std::f64::consts::PI],
+            ..pattern
+        };
         assert!(same.sanity_check().unwrap_err().to_string().contains("cross at 10°"));
-        assert!(StripePattern { range: [[0, 3], [1, 1]], ..pattern }.sanity_check().is_err());
+        assert!(
+            StripePattern {
+                range: [[0, 3], [1, 1]],
+                ..pattern
+            }
+            .sanity_check()
+            .is_err()
+        );
     }
 }

@@ -288,7 +288,12 @@ mod tests {
         let (mut squares, mut stated, mut products, mut n) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..400 {
             let ridges = Ridges::of(&line(angle, sigma, seed), 1.5);
-            let at = |x: f64| ridges.near([x, 20.0], 1.0).find(|r| (r.place[0] - x).abs() < 0.3).copied();
+            let at = |x: f64| {
+                ridges
+                    .near([x, 20.0], 1.0)
+                    .find(|r| (r.place[0] - x).abs() < 0.3)
+                    .copied()
+            };
             if let (Some(a), Some(b)) = (at(15.0), at(17.0)) {
                 squares += off(&a, angle).powi(2);
                 products += off(&a, angle) * off(&b, angle);
