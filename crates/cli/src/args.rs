@@ -368,8 +368,8 @@ pub struct StereoArgs {
 
 const GRID_EXAMPLES: &str = "\
 Examples:
-  planish simulate scene grid --out scene --views 1 --size 640x480
-  planish sense grid scene/stripes-1.png --plain scene/plain-1.png --calib scene/grid.toml -o orientations.ply
+  planish simulate scene grid --out s --views 1 --size 640x480
+  planish sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o normals.ply
 
 Bright stripes of two sets that cross, on a darker object. The calibration is TOML: [camera] and [projector] with K, R and t (x ~ K (R X + t)), and \
 [stripes] with directions_deg, spacing, origin and range in the projector's picture; sigma_px says how well all of that is known. Which stripe is which is found \
