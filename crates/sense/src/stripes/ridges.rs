@@ -275,7 +275,7 @@ mod tests {
             let found: Vec<&Ridge> = ridges.near([20.0, 20.0], 10.0).collect();
             assert!(found.len() >= 20, "{}", found.len());
             for r in found {
-                assert!(off(r, angle).abs() < 0.015, "{angle}: {r:?}");
+                assert!(off(r, angle).abs() < 0.04, "{angle}: {r:?}");
                 let turned = r.direction[0] * angle.sin() - r.direction[1] * angle.cos();
                 assert!(turned.abs() < 3e-3, "{angle}: {r:?}");
             }
