@@ -526,6 +526,17 @@ pub fn stereos() -> Result<Vec<Vec<u8>>> {
     ])
 }
 
+/// A camera and a projector of crossed stripes.
+pub fn grids() -> Result<Vec<Vec<u8>>> {
+    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
+    let stripes =
+        "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, 20], [-20, 20]]\n";
+    let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 20.0]\n";
+    Ok(vec![
+        format!("unit = \"mm\"\nsigma_px = 0.02\n[camera]\n{k}[projector]\n{k}{posed}{stripes}").into_bytes(),
+    ])
+}
+
 /// Lights of photometric stereo.
 pub fn lights() -> Result<Vec<Vec<u8>>> {
     let stated = "unit = \"mm\"\nframe = \"viewer\"\nlights = [[0.4, 0.5, 0.8], [-0.3, 0.5, 0.8], [0.0, 0.3, 0.9]]\npixel_size = 0.2\nsigma_brightness = 1.5\n";

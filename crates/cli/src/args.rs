@@ -307,6 +307,8 @@ pub struct SenseArgs {
 pub enum Sensed {
     /// Two rectified pictures, matched densely: points with covariance, or disparities with σ
     Stereo(StereoArgs),
+    /// A picture of crossed stripes from a projector: points, normals and curvatures, each with σ
+    Grid(GridArgs),
     /// Pictures of one view under three lights or more, or a picture of normals: normals with σ
     Photometric(PhotometricArgs),
     /// A depth image: points with covariance
@@ -338,6 +340,12 @@ pub struct StereoArgs {
     /// Write points (.ply) or disparities with σ (.tif, .npy); may be given several times
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
+    /// Write no points whose disparity has a larger σ [default: all]; beside depth edges it is large
+    #[arg(long, value_name = "PIXELS", value_parser = positive, allow_negative_numbers = true)]
+    pub max_sigma: Option<f64>,
+    /// Write points of every so manieth column and row: neighbours less than 9 pixels apart err alike
+    #[arg(long, value_name = "PIXELS", default_value = "1", value_parser = step)]
+    pub step: usize,
     /// Disparities that are looked for, in pixels; memory and time grow with them
     #[arg(long, value_name = "FROM..TO", default_value = "0..127", value_parser = disparities, allow_hyphen_values = true,
           help_heading = "Matching")]
@@ -357,6 +365,43 @@ pub struct StereoArgs {
     /// Regions of fewer pixels are left out
     #[arg(long, value_name = "PIXELS", default_value_t = 100, help_heading = "Matching")]
     pub speckle: u32,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const GRID_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene grid --out s --views 1 --size 640x480
+  planish sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o normals.ply
+
+Bright stripes of two sets that cross, on a darker object. The calibration is TOML: [camera] and [projector] with K, R and t (x ~ K (R X + t)), and \
+[stripes] with directions_deg, spacing, origin and range in the projector's picture; sigma_px says how well all of that is known. Which stripe is which is found \
+from where stripes cross; that takes stripes that do not run along the line between camera and projector, or at 45° to it.
+Each crossing gives a point with covariance, a normal with sigma_n_deg, and where its neighbours are seen too the curvatures k1 k2 with sigma_k (else their direction is 0). \
+Curvatures are made of the points of neighbours: in a job, say kind = \"curvature\" to use normals and curvatures, or kind = \"normal\", or fit the points; \
+points and curvatures together would count the same light twice.";
+
+/// Arguments of `planish sense grid`.
+#[derive(Debug, Args)]
+#[command(after_help = GRID_EXAMPLES)]
+pub struct GridArgs {
+    /// The picture of the stripes
+    #[arg(value_name = "IMAGE", value_hint = ValueHint::FilePath)]
+    pub image: PathBuf,
+    /// The same view under plain light: brightness is divided by its, so that the object's texture moves no stripe
+    #[arg(long, value_name = "IMAGE", value_hint = ValueHint::FilePath)]
+    pub plain: Option<PathBuf>,
+    /// Calibration of camera, projector and stripes
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath)]
+    pub calib: PathBuf,
+    /// Write points with normals and curvatures (.ply); may be given several times
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// Scale that the picture is smoothed with: about half the width of a stripe
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.5, value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Stripes")]
+    pub scale: f64,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -511,6 +556,73 @@ pub struct SceneArgs {
 pub enum Scene {
     /// A freeform thing of 100 mm, scanned by several sensors, one of which understates its σ
     Scans(ScansArgs),
+    /// Pairs of pictures of a textured thing from several views, for `sense stereo`
+    Stereo(PictureArgs),
+    /// Pictures of a thing under crossed stripes from the same views, for `sense grid`
+    Grid(PictureArgs),
+}
+
+const PICTURE_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene stereo --out scene --views 1 --size 640x480
+  planish simulate scene grid --out stripes --shape tube --views 1 --size 640x480
+
+The folder then holds the pictures of every view (left-1.png and right-1.png, or stripes-1.png and plain-1.png), their calibration (cameras.toml or grid.toml), \
+job.toml with the poses of stereo-1.ply or grid-1.ply and so on, which `planish sense` is to write there, view-1.toml and so on for each view alone, truth.ply and truth.json. \
+Both scenes see the same thing from the same places: `planish fit scene/job.toml stripes/job.toml` fuses them.";
+
+/// Arguments of `planish simulate scene stereo` and `grid`.
+#[derive(Debug, Args)]
+#[command(after_help = PICTURE_EXAMPLES)]
+pub struct PictureArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+
+    /// The thing: a mesh (.ply, .obj, .stl or .glb) [default: a freeform of 100 mm]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help_heading = "Scene")]
+    pub mesh: Option<PathBuf>,
+    /// Smooth subdivisions (Loop) of the mesh, from 0 to 5; what is seen, and truth.ply, is the finer one
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole, allow_negative_numbers = true, requires = "mesh",
+          help_heading = "Scene")]
+    pub subdivide: usize,
+    /// The axis that stands upright
+    #[arg(long, value_name = "AXIS", value_enum, default_value_t = Axis::Z, help_heading = "Scene")]
+    pub up: Axis,
+    /// Topology of the freeform
+    #[arg(long, value_name = "SHAPE", value_enum, default_value_t = SceneShape::Ball, conflicts_with = "mesh", help_heading = "Scene")]
+    pub shape: SceneShape,
+    /// Contrast of the thing's texture, from 0 (plain) to below 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.7, value_parser = not_negative, allow_negative_numbers = true,
+          help_heading = "Scene")]
+    pub texture: f64,
+    /// Views around the thing
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole, allow_negative_numbers = true, help_heading = "Cameras")]
+    pub views: usize,
+    /// Columns and rows of the pictures
+    #[arg(long, value_name = "NxM", default_value = "960x720", value_parser = grid, help_heading = "Cameras")]
+    pub size: [usize; 2],
+    /// σ of a pixel's brightness, of 255
+    #[arg(long, value_name = "GREYS", default_value_t = 1.0, value_parser = not_negative, allow_negative_numbers = true,
+          help_heading = "Cameras")]
+    pub sigma_brightness: f64,
+    /// Distance of the stripes, in pixels; `stereo` has none
+    #[arg(long, value_name = "PIXELS", default_value_t = 18.0, value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Cameras")]
+    pub stripe_spacing: f64,
+
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// An axis on the command line.
+#[allow(missing_docs, reason = "as for `ShapeName`")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
 }
 
 const SCANS_EXAMPLES: &str = "\
@@ -647,6 +759,13 @@ fn gate(text: &str) -> Result<f64, String> {
 fn whole(text: &str) -> Result<usize, String> {
     text.parse()
         .map_err(|_| "needed a whole number that is not below 0".to_owned())
+}
+
+fn step(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n @ 1..=1024) => Ok(n),
+        _ => Err("needed a whole number from 1 to 1024".to_owned()),
+    }
 }
 
 fn seed(text: &str) -> Result<u64, String> {

@@ -1,11 +1,11 @@
 //! `planish sense`.
 
-use crate::args::{DepthArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
+use crate::args::{DepthArgs, GridArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Lines, Summary};
 use planish::progress::Progress;
 use planish::sense::{SenseJob, SenseKind, SenseReport, SigmaSummary, sense};
-use planish::{Error, Result, StereoOptions, Unit};
+use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
 use serde::Serialize;
 
 /// The keys of `sense` beside the common ones.
@@ -20,6 +20,7 @@ struct Body {
 pub fn run(args: &SenseArgs) -> u8 {
     let (name, common) = match &args.kind {
         Sensed::Stereo(args) => ("sense stereo", &args.common),
+        Sensed::Grid(args) => ("sense grid", &args.common),
         Sensed::Photometric(args) => ("sense photometric", &args.common),
         Sensed::Depth(args) => ("sense depth", &args.common),
     };
@@ -29,6 +30,7 @@ pub fn run(args: &SenseArgs) -> u8 {
 fn work(args: &SenseArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let (kind, output, common) = match &args.kind {
         Sensed::Stereo(args) => (stereo(args)?, &args.output, &args.common),
+        Sensed::Grid(args) => (grid(args), &args.output, &args.common),
         Sensed::Photometric(args) => (photometric(args)?, &args.output, &args.common),
         Sensed::Depth(args) => (depth(args), &args.output, &args.common),
     };
@@ -69,7 +71,20 @@ fn stereo(args: &StereoArgs) -> Result<SenseKind> {
             left_right: args.left_right,
             speckle: args.speckle,
         },
+        points: StereoPoints {
+            step: args.step,
+            max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY),
+        },
     })
+}
+
+fn grid(args: &GridArgs) -> SenseKind {
+    SenseKind::Grid {
+        image: args.image.clone(),
+        plain: args.plain.clone(),
+        calibration: args.calib.clone(),
+        options: GridOptions { scale_px: args.scale },
+    }
 }
 
 fn photometric(args: &PhotometricArgs) -> Result<SenseKind> {
@@ -103,16 +118,13 @@ fn depth(args: &DepthArgs) -> SenseKind {
 fn text(done: &SenseReport) -> String {
     let mut lines = Lines::default();
     let share = percent(done.observations as f64 / done.pixels.max(1) as f64);
-    let what = if done.kind == "photometric" {
-        "normals"
-    } else {
-        "points"
-    };
-    lines.line(format!(
-        "Sensed {} {what} of {} pixels ({share}).",
-        count(done.observations),
-        count(done.pixels)
-    ));
+    let found = count(done.observations);
+    let pixels = count(done.pixels);
+    lines.line(match done.kind {
+        "photometric" => format!("Sensed {found} normals of {pixels} pixels ({share})."),
+        "grid" => format!("Sensed {found} places where stripes cross, in {pixels} pixels."),
+        _ => format!("Sensed {found} points of {pixels} pixels ({share})."),
+    });
     lines.gap();
     let sigma = |s: &Option<SigmaSummary>, unit: &str| {
         s.map_or(String::new(), |s| {
@@ -125,6 +137,7 @@ fn text(done: &SenseReport) -> String {
         })
     };
     let unit = done.unit.map_or("", Unit::name);
+    let per_unit = done.unit.map_or(String::new(), |unit| format!("1/{unit}"));
     let rejected: Vec<String> = done
         .rejected
         .iter()
@@ -132,9 +145,17 @@ fn text(done: &SenseReport) -> String {
         .collect();
     lines.facts([
         ("left out", rejected.join(", ")),
-        ("σ of disparity", sigma(&done.sigma_px, "px")),
+        (
+            if done.kind == "grid" {
+                "σ of crossings"
+            } else {
+                "σ of disparity"
+            },
+            sigma(&done.sigma_px, "px"),
+        ),
         ("σ along rays", sigma(&done.sigma, unit)),
         ("σ of normals", sigma(&done.sigma_n_deg, "°")),
+        ("σ of curvatures", sigma(&done.sigma_k, &per_unit)),
         ("light from everywhere", done.ambient.map_or(String::new(), percent)),
         (
             "σ of brightness",

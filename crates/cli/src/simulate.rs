@@ -1,12 +1,12 @@
 //! `planish simulate`.
 
-use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs};
+use crate::args::{PictureArgs, ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene,
-    write_sphere,
+    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS, ScanSceneOptions,
+    ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_picture_scene, write_scans_scene, write_sphere,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -24,12 +24,86 @@ struct Body {
 /// Runs the command; returns the exit code.
 pub fn run(args: &SimulateArgs) -> u8 {
     match &args.what {
-        Simulated::Scene(scene) => {
-            let Scene::Scans(args) = &scene.scene;
-            report::run("simulate scene scans", &args.common, |progress| scans(args, progress))
-        }
+        Simulated::Scene(scene) => match &scene.scene {
+            Scene::Scans(args) => report::run("simulate scene scans", &args.common, |progress| scans(args, progress)),
+            Scene::Stereo(args) => report::run("simulate scene stereo", &args.common, |progress| {
+                pictures(PictureScene::Stereo, args, progress)
+            }),
+            Scene::Grid(args) => report::run("simulate scene grid", &args.common, |progress| {
+                pictures(PictureScene::Grid, args, progress)
+            }),
+        },
         Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
     }
+}
+
+/// The keys of the scenes of pictures beside the common ones.
+#[derive(Serialize)]
+struct PictureBody {
+    truth: PictureTruth,
+    warnings: [String; 0],
+    termination: &'static str,
+}
+
+fn pictures(scene: PictureScene, args: &PictureArgs, progress: &dyn Progress) -> Result<Summary<PictureBody>> {
+    let options = PictureSceneOptions {
+        mesh: args.mesh.clone(),
+        subdivide: args.subdivide,
+        up: args.up as usize,
+        shape: args.shape.into(),
+        views: args.views,
+        size: args.size,
+        texture: args.texture,
+        sigma_brightness: args.sigma_brightness,
+        stripe_spacing: args.stripe_spacing,
+        seed: args.common.seed,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_picture_scene(scene, &options, &args.out, progress)?;
+    Ok(Summary {
+        text: picture_text(scene, args, &made),
+        unit: made.truth.unit.parse().ok(),
+        inputs: args.mesh.iter().cloned().collect(),
+        outputs: made.files.clone(),
+        warnings: Vec::new(),
+        body: PictureBody {
+            truth: made.truth,
+            warnings: [],
+            termination: "converged",
+        },
+    })
+}
+
+fn picture_text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSummary) -> String {
+    let mut lines = Lines::default();
+    let truth = &made.truth;
+    lines.line(format!(
+        "Took {} pictures of {} ({} long, {} triangles) from {} views.",
+        count(2 * truth.poses.len()),
+        truth.thing,
+        format_args!("{} {}", significant(truth.diagonal, 3), truth.unit),
+        count(truth.mesh_triangles),
+        count(truth.poses.len())
+    ));
+    lines.gap();
+    lines.line(format!(
+        "Wrote {} files to {}. Next, for each view:",
+        made.files.len(),
+        args.out.display()
+    ));
+    let at = |name: &str| args.out.join(name).display().to_string();
+    let [first, second] = scene.pictures(1).map(|name| at(&name));
+    let between = if scene == PictureScene::Grid { " --plain " } else { " " };
+    lines.line(format!(
+        "  planish sense {} {first}{between}{second} --calib {} -o {}",
+        scene.name(),
+        at(scene.calibration()),
+        at(&format!("{}-1.ply", scene.name()))
+    ));
+    lines.line("and then:");
+    lines.line(format!("  planish fit {} -o part.planish", at("job.toml")));
+    lines.line(format!("  planish compare part.planish {}", at("truth.ply")));
+    lines.into_text()
 }
 
 /// The keys of `simulate sphere` beside the common ones.

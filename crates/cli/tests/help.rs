@@ -19,12 +19,15 @@ fn help_of_every_command() {
         ("next", &["next", "--help"]),
         ("sense", &["sense", "--help"]),
         ("sense_stereo", &["sense", "stereo", "--help"]),
+        ("sense_grid", &["sense", "grid", "--help"]),
         ("sense_photometric", &["sense", "photometric", "--help"]),
         ("sense_depth", &["sense", "depth", "--help"]),
         ("simulate", &["simulate", "--help"]),
         ("simulate_scene", &["simulate", "scene", "--help"]),
         ("simulate_sphere", &["simulate", "sphere", "--help"]),
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
+        ("simulate_scene_stereo", &["simulate", "scene", "stereo", "--help"]),
+        ("simulate_scene_grid", &["simulate", "scene", "grid", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
     }
@@ -43,10 +46,12 @@ fn examples_of_the_help_are_commands_that_parse() {
         "compare",
         "info",
         "sense stereo",
+        "sense grid",
         "sense photometric",
         "sense depth",
         "next",
         "simulate scene scans",
+        "simulate scene stereo",
         "simulate sphere",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();

@@ -104,6 +104,48 @@ fn a_picture_of_normals_and_a_depth_image_become_points() {
 }
 
 #[test]
+fn a_simulated_grid_becomes_points_normals_and_curvatures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    let scene = run("simulate scene grid --out s --views 1 --size 320x240 --stripe-spacing 14 --json").json();
+    assert_eq!(
+        (scene["command"].as_str(), scene["unit"].as_str()),
+        (Some("simulate scene grid"), Some("mm"))
+    );
+    let said =
+        run("sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o s/grid-1.ply --json").json();
+    let found = said["observations"].as_u64().expect("a count");
+    assert!(found > 40, "{found}");
+    assert!(said["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
+    let info = run("info s/grid-1.ply").stdout;
+    assert!(info.contains("sigma_n_deg") && info.contains("k1 k2"), "{info}");
+    // The job that the scene wrote names what was sensed, in the frame of the truth.
+    let near = run("compare s/truth.ply s/job.toml --json").json();
+    assert!(
+        near["backward"]["p95"].as_f64().expect("a number").abs() < 1.0,
+        "{near}"
+    );
+    let wrong = planish(
+        folder.path(),
+        &[
+            "sense",
+            "grid",
+            "s/plain-1.png",
+            "--calib",
+            "s/grid.toml",
+            "-o",
+            "p.ply",
+        ],
+    );
+    assert!(
+        wrong.code == 1 && wrong.stderr.contains("cannot be told"),
+        "{} {}",
+        wrong.code,
+        wrong.stderr
+    );
+}
+
+#[test]
 fn mistakes_are_told_before_anything_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
@@ -125,6 +167,12 @@ fn mistakes_are_told_before_anything_is_written() {
         ("sense stereo left.pgm right.pgm --disparities 9..3", 2, "as in 0..127"),
         ("sense stereo left.pgm cameras.toml -o d.npy", 2, "extension `toml`"),
         ("sense photometric left.pgm", 2, "--calib with the lights"),
+        (
+            "sense grid left.pgm --calib misspelt.toml -o p.ply",
+            2,
+            "misspelt.toml: line 1",
+        ),
+        ("sense grid left.pgm -o p.ply", 2, "--calib"),
         (
             "sense depth left.pgm --calib misspelt.toml -o p.ply",
             2,

@@ -13,13 +13,15 @@
 //! sigma_b = 0.0019
 //! ```
 //!
-//! The tables of other sensors: [`read_stereo_calibration`], [`read_lights`].
+//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`].
 //!
 //! Not guaranteed: lenses are taken for undistorted.
 
+mod grid;
 mod lights;
 mod stereo;
 
+pub use grid::{GridCalibration, read_grid_calibration};
 pub use lights::{LightSource, LightsCalibration, read_lights};
 pub use stereo::{StereoCalibration, read_stereo_calibration};
 

@@ -1,4 +1,4 @@
-//! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in.
+//! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in; PNG of brightness, out.
 //!
 //! Comes in: a picture of one channel or of colours, 8 or 16 bits (TIFF also of floating point). Goes out: a [`Picture`] with one or three channels, or the
 //! brightness alone as an [`Image`]. An opacity is not looked at.
@@ -25,6 +25,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use crate::depth::{check_promise, tags, tiff_limits};
 use crate::foreign::guarded;
 use crate::source::{extension, open_file};
+use crate::write_atomically;
 
 /// Pictures of more pixels along a side are refused.
 const LONGEST_SIDE: usize = 1 << 16;
@@ -108,6 +109,28 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
         }
     };
     read().map_err(|e: Error| e.in_context(path.display()))
+}
+
+/// Writes brightness from 0 to 255 as a grey PNG of 8 bits.
+///
+/// # Errors
+/// `Input` where there are not as many values as pixels; `Io` when the file cannot be written; nothing is left half-written.
+pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -> Result<()> {
+    let size = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
+    let Some((width, height)) = size.filter(|_| columns * rows == values.len() && !values.is_empty()) else {
+        return Err(Error::input(format!(
+            "{}: needed {columns} × {rows} pixels, found {} values",
+            path.display(),
+            values.len()
+        )));
+    };
+    write_atomically(path, |writer| {
+        let mut encoder = png::Encoder::new(writer, width, height);
+        encoder.set_color(png::ColorType::Grayscale);
+        let mut out = encoder.write_header()?;
+        out.write_image_data(values)?;
+        Ok(out.finish()?)
+    })
 }
 
 /// Keeps one or three of the samples of each pixel: opacity stands behind them.

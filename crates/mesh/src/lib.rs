@@ -30,6 +30,7 @@ mod primitives;
 mod ray;
 mod sampling;
 mod search;
+mod subdivision;
 mod triangle;
 
 pub use check::MeshCheck;

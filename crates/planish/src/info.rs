@@ -265,12 +265,14 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
 }
 
 fn scan_info(scan: &Scan) -> ScanInfo {
-    let known: [(bool, &[&str]); 6] = [
+    let known: [(bool, &[&str]); 8] = [
         (true, &["x", "y", "z"]),
         (scan.sigma.is_some(), &["sigma"]),
         (scan.covariance.is_some(), &["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
         (scan.normals.is_some(), &["nx", "ny", "nz"]),
         (scan.sigma_normal_deg.is_some(), &["sigma_n_deg"]),
+        (scan.curvatures.is_some(), &["k1", "k2", "d1x", "d1y", "d1z"]),
+        (scan.sigma_curvature.is_some(), &["sigma_k"]),
         (scan.classes.is_some(), &["class"]),
     ];
     let columns = known.iter().filter(|(known, _)| *known).flat_map(|(_, names)| *names);

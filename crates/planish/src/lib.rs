@@ -24,5 +24,5 @@ mod test_support;
 pub use planish_estimate::{Error, ErrorKind, Result};
 pub use planish_exchange::Unit;
 /// Settings of the sensors' front ends.
-pub use planish_sense::StereoOptions;
+pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};
 pub use planish_spline::Shape;

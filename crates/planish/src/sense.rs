@@ -6,6 +6,7 @@
 //! | kind | comes in | goes out beside points (`.ply`) |
 //! |---|---|---|
 //! | stereo | two rectified pictures | disparities and their σ (`.tif`, `.npy`) |
+//! | grid | a picture of crossed stripes | |
 //! | photometric | pictures under known lights, or a picture of normals | normals and their σ (`.tif`, `.npy`) |
 //! | depth | a depth image | |
 //!
@@ -14,14 +15,15 @@
 use crate::output::{as_text, refuse_input_as_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
-use planish_exchange::calibration::{LightSource, read_lights, read_stereo_calibration};
+use planish_exchange::calibration::{LightSource, read_grid_calibration, read_lights, read_stereo_calibration};
 use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;
 use planish_exchange::{Unit, check_writable, extension, real_path};
+use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
-    Image, PhotometricOptions, Scan, StereoOptions, StereoRejected, lights_from_ball, match_stereo,
+    Image, PhotometricOptions, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball, match_stereo,
     normals_from_colours, photometric_normals,
 };
 use serde::Serialize;
@@ -41,6 +43,19 @@ pub enum SenseKind {
         calibration: Option<PathBuf>,
         /// How they are matched.
         options: StereoOptions,
+        /// Which of the disparities are written as points.
+        points: StereoPoints,
+    },
+    /// A picture of crossed stripes.
+    Grid {
+        /// The picture.
+        image: PathBuf,
+        /// The same view without stripes, whose brightness tells the object's texture.
+        plain: Option<PathBuf>,
+        /// Camera, projector and stripes.
+        calibration: PathBuf,
+        /// How stripes are looked for.
+        options: GridOptions,
     },
     /// Pictures of one view under several lights.
     Photometric {
@@ -73,6 +88,7 @@ impl SenseKind {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Stereo { .. } => "stereo",
+            Self::Grid { .. } => "grid",
             Self::Photometric { .. } | Self::NormalMap { .. } => "photometric",
             Self::Depth { .. } => "depth",
         }
@@ -87,6 +103,12 @@ impl SenseKind {
                 calibration,
                 ..
             } => [left, right].into_iter().chain(calibration).cloned().collect(),
+            Self::Grid {
+                image,
+                plain,
+                calibration,
+                ..
+            } => [image].into_iter().chain(plain).chain([calibration]).cloned().collect(),
             Self::Photometric {
                 images,
                 mask,
@@ -145,7 +167,7 @@ pub struct SenseReport {
     pub observations: usize,
     /// Pixels without, by cause.
     pub rejected: BTreeMap<&'static str, usize>,
-    /// σ of the disparities, in pixels.
+    /// σ of the disparities, or of the places where stripes cross, in pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_px: Option<SigmaSummary>,
     /// σ of the points along their rays, in the unit.
@@ -154,6 +176,12 @@ pub struct SenseReport {
     /// σ of the normals, in degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_n_deg: Option<SigmaSummary>,
+    /// σ of the curvatures, one over the unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_k: Option<SigmaSummary>,
+    /// By how much σ of crossings is larger than the noise of the picture alone would make it, as their epipolar lines say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enlarged: Option<f64>,
     /// Share of light from everywhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f64>,
@@ -185,6 +213,8 @@ struct Sensed {
     rejected: BTreeMap<&'static str, usize>,
     sigma_px: Option<SigmaSummary>,
     sigma_n_deg: Option<SigmaSummary>,
+    sigma_k: Option<SigmaSummary>,
+    enlarged: Option<f64>,
     ambient: Option<f64>,
     sigma_brightness: Option<f64>,
     unit: Option<Unit>,
@@ -220,7 +250,14 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
             right,
             calibration,
             options,
-        } => stereo(left, right, calibration.as_deref(), options, &working)?,
+            points,
+        } => stereo([left, right], calibration.as_deref(), options, points, &working)?,
+        SenseKind::Grid {
+            image,
+            plain,
+            calibration,
+            options,
+        } => grid(image, plain.as_deref(), calibration, options)?,
         SenseKind::Photometric {
             images,
             mask,
@@ -259,6 +296,8 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
             _ => sensed.scan.as_ref().and_then(along_rays),
         },
         sigma_n_deg: sensed.sigma_n_deg,
+        sigma_k: sensed.sigma_k,
+        enlarged: sensed.enlarged,
         ambient: sensed.ambient,
         sigma_brightness: sensed.sigma_brightness,
         unit,
@@ -269,10 +308,10 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 }
 
 fn stereo(
-    left: &Path,
-    right: &Path,
+    [left, right]: [&Path; 2],
     calibration: Option<&Path>,
     options: &StereoOptions,
+    points: &StereoPoints,
     progress: &dyn Progress,
 ) -> Result<Sensed> {
     let calibration = calibration.map(read_stereo_calibration).transpose()?;
@@ -282,7 +321,7 @@ fn stereo(
         progress.check("matching", share)
     })
     .map_err(|e| in_context(e, blame()))?;
-    let scan = calibration.map(|c| c.camera.scan(&map, "stereo")).transpose();
+    let scan = calibration.map(|c| c.camera.scan(&map, points, "stereo")).transpose();
     let scan = scan.map_err(|e| e.in_context(blame()))?;
     let known: Vec<f64> = map
         .sigma
@@ -330,6 +369,43 @@ fn in_context(e: Error, context: String) -> Error {
         planish_estimate::ErrorKind::Interrupted => e,
         _ => e.in_context(context),
     }
+}
+
+fn grid(image: &Path, plain: Option<&Path>, calibration: &Path, options: &GridOptions) -> Result<Sensed> {
+    let known = read_grid_calibration(calibration)?;
+    let picture = read_brightness(image)?;
+    let without = plain.map(read_brightness).transpose()?;
+    let found =
+        read_grid(&picture, without.as_ref(), &known.grid, options).map_err(|e| e.in_context(image.display()))?;
+    let GridRejected {
+        no_crossing,
+        no_index,
+        off_line,
+        undetermined,
+    } = found.rejected;
+    let bent: Vec<f64> = (found.readings.iter())
+        .filter_map(|r| r.curvature)
+        .map(|c| c.sigma)
+        .collect();
+    let causes = [
+        ("no_crossing", no_crossing),
+        ("no_index", no_index),
+        ("off_line", off_line),
+        ("undetermined", undetermined),
+        ("no_curvature", found.readings.len() - bent.len()),
+    ];
+    Ok(Sensed {
+        pixels: picture.values.len(),
+        observations: found.readings.len(),
+        rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
+        sigma_n_deg: summary(found.readings.iter().map(|r| r.orientation.sigma_normal_deg).collect()),
+        sigma_k: summary(bent),
+        sigma_px: summary(found.sigma_px.clone()),
+        enlarged: found.enlarged,
+        unit: known.unit,
+        scan: Some(found.scan("grid")),
+        ..Sensed::default()
+    })
 }
 
 fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, progress: &dyn Progress) -> Result<Sensed> {
@@ -452,7 +528,7 @@ fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
 
 fn check_outputs(job: &SenseJob) -> Result<()> {
     let inputs = job.kind.inputs();
-    let images = !matches!(job.kind, SenseKind::Depth { .. });
+    let images = !matches!(job.kind, SenseKind::Depth { .. } | SenseKind::Grid { .. });
     for (k, path) in job.outputs.iter().enumerate() {
         let kind = extension(path);
         let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));

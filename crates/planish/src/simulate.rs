@@ -10,6 +10,8 @@
 //! | virtual_sensor | range scanners and touch probes that measure it |
 //! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
 //! | figure | line charts as SVG |
+//! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
+//! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //!
 //! ```
@@ -25,6 +27,8 @@
 
 mod figure;
 mod form;
+mod pictures;
+mod render;
 mod scans;
 mod second_order;
 mod sphere;
@@ -35,6 +39,10 @@ mod virtual_sensor;
 mod tests;
 
 pub use form::{BallBump, BallForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
+pub use pictures::{
+    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
+};
+pub use render::{Exposure, Light, Target, Texture};
 pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TruthSummary, scans, write_scan_scene,
     write_scans_scene,

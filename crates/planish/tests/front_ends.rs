@@ -2,9 +2,9 @@
 
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
-use planish::StereoOptions;
 use planish::progress::Silent;
 use planish::sense::{SenseJob, SenseKind, sense};
+use planish::{StereoOptions, StereoPoints};
 use planish_exchange::picture::{read_brightness, read_picture};
 use std::path::PathBuf;
 
@@ -32,6 +32,7 @@ fn gross_errors_are_few_and_stand_where_sigma_is_large() {
             right: folder.join("Cones_RIGHT.tif"),
             calibration: None,
             options: StereoOptions::default(),
+            points: StereoPoints::default(),
         },
         outputs: vec![path.clone()],
         unit: None,

@@ -24,4 +24,4 @@ pub use pose::Pose;
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
 pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
-pub use stereo_camera::StereoCamera;
+pub use stereo_camera::{StereoCamera, StereoPoints};

@@ -171,6 +171,9 @@ pub fn match_stereo(
     })
 }
 
+/// Darker than this share of what is bright is no thing's texture.
+const DARK: f32 = 0.06;
+
 /// The σ of a disparity, in pixels, from what its window says.
 ///
 /// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of the window that lies on other surfaces, the distance m by which
@@ -190,10 +193,19 @@ fn sigma_of(refined: &subpixel::Refined) -> f32 {
     terms.iter().map(|t| t * t).sum::<f32>().sqrt()
 }
 
-/// The median difference of brightness between neighbours of a row that differ at all, times four.
+/// The median difference of brightness between neighbours of a row that differ at all, times four. Of a thing before a black background only the thing counts.
 fn contrast(image: &Image) -> f32 {
+    let mut values = image.values.clone();
+    let bright = values.len() * 99 / 100;
+    let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
-        .flat_map(|y| image.row(y).windows(2).map(|w| (w[1] - w[0]).abs()))
+        .flat_map(|y| {
+            image
+                .row(y)
+                .windows(2)
+                .filter(|w| w[0].min(w[1]) >= dark)
+                .map(|w| (w[1] - w[0]).abs())
+        })
         .filter(|change| *change > 0.0)
         .collect();
     let middle = changes.len() / 2;

@@ -26,6 +26,25 @@ pub struct StereoCamera {
     pub sigma_disparity: f64,
 }
 
+/// Which disparities become points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StereoPoints {
+    /// Those of every so manieth column and row. Disparities of neighbours are found in windows of 9 × 9 pixels that overlap: their errors are alike, and so many readings as there are pixels
+    /// say less than as many independent ones.
+    pub step: usize,
+    /// Those with no larger σ, in pixels. Beside depth edges σ is large because errors are gross, and all of one sign.
+    pub max_sigma_px: f64,
+}
+
+impl Default for StereoPoints {
+    fn default() -> Self {
+        Self {
+            step: 1,
+            max_sigma_px: f64::INFINITY,
+        }
+    }
+}
+
 impl StereoCamera {
     /// The point of a disparity; `None` where it lies at infinity, beyond it, or is not finite.
     #[inline]
@@ -60,17 +79,28 @@ impl StereoCamera {
         Some(ray_covariance(self.ray(u, v), along, across))
     }
 
-    /// The points of a map, with their covariances and the image's grid, seen from the left camera's centre.
+    /// The chosen points of a map, with their covariances and the grid of the image, seen from the left camera's centre.
     ///
     /// # Errors
-    /// `Undetermined` where no disparity gives a point.
-    pub fn scan(&self, map: &DisparityMap, name: &str) -> Result<Scan> {
+    /// `Undetermined` where no disparity gives a point; `Input` for a step of 0.
+    pub fn scan(&self, map: &DisparityMap, choice: &StereoPoints, name: &str) -> Result<Scan> {
+        let step = choice.step;
+        if step == 0 {
+            return Err(Error::input("needed a step of 1 pixel or more, found 0"));
+        }
         let (mut points, mut covariances) = (Vec::new(), Vec::new());
-        let mut cells = Vec::with_capacity(map.disparity.len());
-        for (k, (&disparity, &sigma)) in map.disparity.iter().zip(&map.sigma).enumerate() {
-            let (u, v) = ((k % map.columns) as f64, (k / map.columns) as f64);
-            let disparity = f64::from(disparity);
-            let found = (self.point(u, v, disparity)).zip(self.covariance(u, v, disparity, f64::from(sigma)));
+        let (columns, rows) = (map.columns.div_ceil(step), map.rows.div_ceil(step));
+        let mut cells = Vec::with_capacity(columns * rows);
+        let places = (0..map.rows)
+            .step_by(step)
+            .flat_map(|v| (0..map.columns).step_by(step).map(move |u| (u, v)));
+        for (u, v) in places {
+            let k = v * map.columns + u;
+            let (disparity, sigma) = (f64::from(map.disparity[k]), map.sigma[k]);
+            let (u, v) = (u as f64, v as f64);
+            let known = f64::from(sigma) <= choice.max_sigma_px;
+            let point = if known { self.point(u, v, disparity) } else { None };
+            let found = point.zip(self.covariance(u, v, disparity, f64::from(sigma)));
             cells.push(match found {
                 Some(_) => points.len() as u32,
                 None => RangeGrid::EMPTY,
@@ -90,11 +120,7 @@ impl StereoCamera {
             name: name.to_owned(),
             points,
             covariance: Some(covariances),
-            grid: Some(RangeGrid {
-                columns: map.columns,
-                rows: map.rows,
-                cells,
-            }),
+            grid: Some(RangeGrid { columns, rows, cells }),
             viewing: Viewing::Origin([0.0; 3]),
             ..Scan::default()
         })

@@ -1,5 +1,7 @@
 //! Structured light by crossed stripes: places, orientations and curvatures where stripes cross.
 //!
+//! A picture of such stripes is read by [`read_grid`]: it finds the junctions, and which stripes cross there.
+//!
 //! Comes in: a camera, a projector, and junctions: where two stripes cross in the image, which way each runs there, and where in the projector's picture they cross.
 //! Goes out: for each junction its point and normal ([`orientation`]), and with its neighbours its principal curvatures ([`curvature`]), all with covariance.
 //!
@@ -9,7 +11,7 @@
 //! Across a junction, from neighbour to opposite neighbour, runs a curve on the surface. By Meusnier's theorem its curvature's share along n is that of the surface in its direction,
 //! here `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both; by Euler's theorem `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
 //!
-//! Not guaranteed: which stripe is which; that is to be known. Curvature is that of the scale of the stripes' distance.
+//! Not guaranteed: that curvature is that of a point: it is that of the scale of the stripes' distance.
 //!
 //! # References
 //! - Shrikhande and Stockman, *Surface orientation from a projected grid*, PAMI 1989.
@@ -32,12 +34,31 @@ pub struct Pinhole {
     pub t: [f64; 3],
 }
 
+mod crossings;
+mod find;
+mod indexing;
+mod network;
+mod pattern;
+mod ridges;
+
+pub use find::{GridCamera, GridOptions, GridReading, GridReadings, GridRejected, read_grid};
+pub use pattern::StripePattern;
+
 fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| dot(row, v))
 }
 
 fn transposed(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum())
+}
+
+/// The inverse; none where there is none to speak of.
+fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
+    let determinant = dot(m[0], columns[0]);
+    let size = norm(m[0]) * norm(m[1]) * norm(m[2]);
+    (determinant.abs() > 1e-12 * size && size > 0.0)
+        .then(|| [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i] / determinant)))
 }
 
 impl Pinhole {
@@ -53,6 +74,15 @@ impl Pinhole {
         let inside = times(&self.r, point);
         let seen = times(&self.k, std::array::from_fn(|i| inside[i] + self.t[i]));
         (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
+    }
+
+    /// The direction in the world that a pixel looks along, `Rᵀ K⁻¹ (x, y, 1)`; none where K has no inverse.
+    #[must_use]
+    pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
+        Some(transposed(
+            &self.r,
+            times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0]),
+        ))
     }
 
     /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
@@ -95,6 +125,30 @@ impl JunctionSigma {
     }
 }
 
+impl JunctionSigma {
+    /// Independent errors, and a projector without.
+    #[must_use]
+    pub fn covariance(&self) -> JunctionCovariance {
+        let mut image = [[0.0; 4]; 4];
+        for (k, row) in image.iter_mut().enumerate() {
+            row[k] = if k < 2 { self.place_px } else { self.angle_rad }.powi(2);
+        }
+        JunctionCovariance {
+            image,
+            projector_px: 0.0,
+        }
+    }
+}
+
+/// How well a junction is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JunctionCovariance {
+    /// Covariance of both coordinates of its pixel, in pixels, and of both angles, in radians.
+    pub image: [[f64; 4]; 4],
+    /// σ of each coordinate of its pixel in the projector's picture, in pixels.
+    pub projector_px: f64,
+}
+
 /// A point of the surface and its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orientation {
@@ -113,7 +167,7 @@ pub struct Orientation {
 /// The point and normal of a junction.
 ///
 /// `stripes` are the directions of the two sets in the projector's picture. The point is that with the least squares of distances to the planes of both stripes, in the projector and in the image, each
-/// by its own length; the covariance is carried over from the image by differences, `J Σ Jᵀ`.
+/// by its own length; the covariance is carried over from both pictures by differences, `J Σ Jᵀ`.
 ///
 /// # Errors
 /// `Undetermined` where stripes run along the line between camera and projector as both see it, where the two tangents are one, or the point lies behind the camera.
@@ -122,7 +176,7 @@ pub fn orientation(
     projector: &Pinhole,
     stripes: [[f64; 2]; 2],
     junction: &Junction,
-    sigma: &JunctionSigma,
+    covariance: &JunctionCovariance,
 ) -> Result<Orientation> {
     let nothing = || {
         Error::undetermined(format!(
@@ -130,43 +184,43 @@ pub fn orientation(
             junction.image[0], junction.image[1]
         ))
     };
-    let of = |z: [f64; 4]| {
+    let of = |z: [f64; 6]| {
         let junction = Junction {
             image: [z[0], z[1]],
             angles_rad: [z[2], z[3]],
-            ..*junction
+            projector: [z[4], z[5]],
         };
         point_and_normal(camera, projector, stripes, &junction)
     };
-    let z = [
-        junction.image[0],
-        junction.image[1],
-        junction.angles_rad[0],
-        junction.angles_rad[1],
-    ];
+    let [[x, y], [a, b], [u, v]] = [junction.image, junction.angles_rad, junction.projector];
+    let z = [x, y, a, b, u, v];
     let (point, normal) = of(z).ok_or_else(nothing)?;
-    let (mut of_point, mut of_normal) = ([0.0; 6], [0.0; 6]);
-    for k in 0..4 {
-        let (sigma, step) = if k < 2 {
-            (sigma.place_px, 1e-3)
-        } else {
-            (sigma.angle_rad, 1e-5)
-        };
+    let mut by = [([0.0; 3], [0.0; 3]); 6];
+    for (k, derivative) in by.iter_mut().enumerate() {
+        let step = if matches!(k, 2 | 3) { 1e-5 } else { 1e-3 };
         let beside = |s: f64| {
             let mut z = z;
             z[k] += s;
             of(z).ok_or_else(nothing)
         };
         let (ahead, behind) = (beside(step)?, beside(-step)?);
-        let by = |a: [f64; 3], b: [f64; 3]| scale(sigma / (2.0 * step), sub(a, b));
-        let (dp, dn) = (by(ahead.0, behind.0), by(ahead.1, behind.1));
-        let add = |sum: &mut [f64; 6], d: [f64; 3]| {
-            let square = upper_triangle(|i, j| d[i] * d[j]);
-            sum.iter_mut().zip(square).for_each(|(s, q)| *s += q);
-        };
-        add(&mut of_point, dp);
-        add(&mut of_normal, dn);
+        let slope = |a: [f64; 3], b: [f64; 3]| scale(0.5 / step, sub(a, b));
+        *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
+    let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
+        upper_triangle(|i, j| {
+            let seen: f64 = (0..4)
+                .map(|k| {
+                    (0..4)
+                        .map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j])
+                        .sum::<f64>()
+                })
+                .sum();
+            let thrown: f64 = (4..6).map(|k| of(k)[i] * of(k)[j]).sum();
+            seen + covariance.projector_px.powi(2) * thrown
+        })
+    };
+    let (of_point, of_normal) = (carried(&|k| by[k].0), carried(&|k| by[k].1));
     let (e1, e2) = tangents(normal);
     let tangential = 0.5 * (variance_along(&of_normal, e1) + variance_along(&of_normal, e2));
     Ok(Orientation {

@@ -14,7 +14,7 @@ use crate::atomic::write_atomically;
 
 /// Writes a scan; [`read_scan`](super::read_scan) gives back the same numbers.
 ///
-/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; the covariance `cxx cxy cxz cyy cyz czz`, else `sigma`; the element
+/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance `cxx cxy cxz cyy cyz czz`, else `sigma`; the element
 /// `range_grid`. Readings that were dropped are gone, and so are pose and viewing.
 ///
 /// # Errors
@@ -42,6 +42,8 @@ fn check(scan: &Scan) -> Result<()> {
     for (name, length) in [
         ("normals", scan.normals.as_ref().map(Vec::len)),
         ("sigma_n_deg", scan.sigma_normal_deg.as_ref().map(Vec::len)),
+        ("k1", scan.curvatures.as_ref().map(Vec::len)),
+        ("sigma_k", scan.sigma_curvature.as_ref().map(Vec::len)),
         ("covariance", scan.covariance.as_ref().map(Vec::len)),
         ("sigma", scan.sigma.as_ref().map(Vec::len)),
     ] {
@@ -93,6 +95,12 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
     if scan.sigma_normal_deg.is_some() {
         names.push("sigma_n_deg");
     }
+    if scan.curvatures.is_some() {
+        names.extend(["k1", "k2", "d1x", "d1y", "d1z"]);
+    }
+    if scan.sigma_curvature.is_some() {
+        names.push("sigma_k");
+    }
     if scan.covariance.is_some() {
         names.extend(["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]);
     } else if scan.sigma.is_some() {
@@ -113,6 +121,13 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
             put(&normals[i])?;
         }
         if let Some(sigma) = &scan.sigma_normal_deg {
+            put(&[sigma[i]])?;
+        }
+        if let Some(curvatures) = &scan.curvatures {
+            put(&curvatures[i].values)?;
+            put(&curvatures[i].direction)?;
+        }
+        if let Some(sigma) = &scan.sigma_curvature {
             put(&[sigma[i]])?;
         }
         if let Some(covariance) = &scan.covariance {

@@ -93,7 +93,7 @@ const SIGMA: JunctionSigma = JunctionSigma {
 };
 
 fn oriented(j: &Junction) -> Orientation {
-    orientation(&camera(), &projector(), STRIPES, j, &SIGMA).unwrap()
+    orientation(&camera(), &projector(), STRIPES, j, &SIGMA.covariance()).unwrap()
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn the_curvatures_sigma_is_that_of_many_draws() {
     for _ in 0..draws {
         let mut see = |p: [f64; 2]| {
             let j = noisy(&junction(p).unwrap(), &sigma, &mut rng);
-            orientation(&camera(), &projector(), STRIPES, &j, &sigma).unwrap()
+            orientation(&camera(), &projector(), STRIPES, &j, &sigma.covariance()).unwrap()
         };
         let middle = see(pixel);
         let found = curvature(&middle, &pairs(pixel, 24.0, &mut see)).unwrap();
@@ -207,7 +207,7 @@ fn what_determines_nothing_is_refused() {
         angles_rad: [j.angles_rad[0]; 2],
         ..j
     };
-    let same = orientation(&camera(), &projector(), [STRIPES[0]; 2], &one, &SIGMA);
+    let same = orientation(&camera(), &projector(), [STRIPES[0]; 2], &one, &SIGMA.covariance());
     assert_eq!(same.unwrap_err().kind(), planish_estimate::ErrorKind::Undetermined);
     let middle = oriented(&j);
     let two = &pairs([320.0, 240.0], 8.0, &mut |p| oriented(&junction(p).unwrap()))[..2];

@@ -1,0 +1,196 @@
+//! A camera and a projector of crossed stripes.
+//!
+//! ```toml
+//! unit = "mm"                 # of lengths: mm, m, in or ft; may be left out
+//! sigma_px = 0.02             # σ of a place in either picture that finding does not see, such as of the calibration; 0.02 where it is left out
+//!
+//! [camera]                    # x ~ K (R X + t): x right, y down, pixel centres at integers
+//! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+//! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # R and t may be left out: the camera's frame then is the world's
+//! t = [0, 0, 0]
+//!
+//! [projector]                 # a camera backwards
+//! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+//! R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+//! t = [-150, 0, 20]
+//!
+//! [stripes]                   # in the projector's picture
+//! directions_deg = [30, 120]  # of both sets, from x to y
+//! spacing = 20.0              # of the stripes of a set, in pixels
+//! origin = [320, 240]         # where stripes 0 of both sets cross
+//! range = [[-20, 20], [-20, 20]]   # the first and the last stripe of both sets
+//! ```
+
+use std::path::Path;
+
+use planish_estimate::vector3::{cross, dot};
+use planish_estimate::{Error, Result};
+use planish_sense::stripes::{GridCamera, Pinhole, StripePattern};
+use serde::Deserialize;
+
+use super::{check_numbers, table};
+use crate::Unit;
+use crate::source::read_text;
+
+/// σ of a calibration that states none, in pixels: what a good one of a real camera leaves.
+const USUAL_SIGMA_PX: f64 = 0.02;
+/// How far rows of a rotation may be from orthonormal.
+const ROTATION_WITHIN: f64 = 1e-6;
+
+/// A calibrated camera with its projector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridCalibration {
+    /// Both, and the pattern.
+    pub grid: GridCamera,
+    /// The unit of lengths, where it is named.
+    pub unit: Option<Unit>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    unit: Option<String>,
+    sigma_px: Option<f64>,
+    camera: View,
+    projector: View,
+    stripes: Stripes,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct View {
+    #[serde(rename = "K")]
+    k: [[f64; 3]; 3],
+    #[serde(rename = "R")]
+    r: Option<[[f64; 3]; 3]>,
+    t: Option<[f64; 3]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stripes {
+    directions_deg: [f64; 2],
+    spacing: f64,
+    origin: [f64; 2],
+    range: [[i32; 2]; 2],
+}
+
+/// Reads the calibration of a camera and a projector of crossed stripes.
+///
+/// # Errors
+/// As [`read_calibration`](super::read_calibration).
+pub fn read_grid_calibration(path: &Path) -> Result<GridCalibration> {
+    let read = || parse(&read_text(path)?);
+    read().map_err(|e| e.in_context(path.display()))
+}
+
+fn parse(text: &str) -> Result<GridCalibration> {
+    let t: Table = table(
+        text,
+        "crossed stripes need [camera] and [projector] with K (and R and t), and [stripes] with directions_deg, spacing, origin and range; and may have sigma_px and unit",
+    )?;
+    let sigma_px = t.sigma_px.unwrap_or(USUAL_SIGMA_PX);
+    check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
+    if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
+        return Err(Error::input(format!(
+            "needed stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
+            t.stripes.range
+        )));
+    }
+    let grid = GridCamera {
+        camera: pinhole("camera", &t.camera)?,
+        projector: pinhole("projector", &t.projector)?,
+        pattern: StripePattern {
+            directions_rad: t.stripes.directions_deg.map(f64::to_radians),
+            spacing: t.stripes.spacing,
+            origin: t.stripes.origin,
+            range: t.stripes.range,
+        },
+        sigma_px,
+    };
+    grid.pattern.sanity_check().map_err(|e| e.in_context("stripes"))?;
+    Ok(GridCalibration {
+        grid,
+        unit: t.unit.map(|name| name.parse()).transpose()?,
+    })
+}
+
+fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
+    let made = Pinhole {
+        k: view.k,
+        r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        t: view.t.unwrap_or([0.0; 3]),
+    };
+    let finite = made
+        .k
+        .iter()
+        .chain(&made.r)
+        .flatten()
+        .chain(&made.t)
+        .all(|c| c.is_finite());
+    let [x, y, z] = made.k;
+    if !finite || !(x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
+        return Err(Error::input(format!(
+            "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and finite R and t, found K = {:?}",
+            made.k
+        )));
+    }
+    let [a, b, c] = made.r;
+    let off = [
+        dot(a, a) - 1.0,
+        dot(b, b) - 1.0,
+        dot(a, b),
+        dot(cross(a, b), c) - 1.0,
+        dot(c, c) - 1.0,
+    ];
+    match off.iter().find(|o| o.abs() > ROTATION_WITHIN) {
+        Some(_) => Err(Error::input(format!(
+            "needed a rotation in {name}.R, found {:?}",
+            made.r
+        ))),
+        None => Ok(made),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "unit = \"mm\"
+[camera]
+K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+[projector]
+K = [[1100, 0, 310], [0, 1100, 230], [0, 0, 1]]
+R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+t = [-150, 0, 20]
+[stripes]
+directions_deg = [30, 120]
+spacing = 20
+origin = [320, 240]
+range = [[-20, 20], [-15, 15]]
+";
+
+    #[test]
+    fn both_are_read_and_what_is_left_out_has_its_default() {
+        let found = parse(GOOD).unwrap();
+        assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
+        assert_eq!(found.grid.camera.centre(), [0.0; 3]);
+        assert_eq!(found.grid.projector.t, [-150.0, 0.0, 20.0]);
+        assert!((found.grid.pattern.directions()[1][0] + 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let with = |from: &str, to: &str| {
+            assert!(GOOD.contains(from), "{from}");
+            parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string()
+        };
+        assert!(with("spacing", "spaceing").contains("line 10"));
+        assert!(with("0.96, 0, 0.28", "1.96, 0, 0.28").contains("a rotation in projector.R"));
+        assert!(with("[[1200, 0", "[[-1200, 0").contains("camera.K"));
+        assert!(with("[30, 120]", "[30, 210]").contains("cross at 10°"));
+        assert!(with("unit = \"mm\"", "sigma_px = 0").contains("above 0 for sigma_px"));
+        assert!(with("[-15, 15]", "[-15, 1500]").contains("stripes.range"));
+        assert!(with("[projector]", "[beamer]").contains("[projector] with K"));
+    }
+}

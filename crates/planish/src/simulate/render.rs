@@ -1,0 +1,320 @@
+//! What a camera sees of a textured thing, under a lamp or under projected stripes.
+//!
+//! Comes in: a mesh to cast rays at, a camera, a light. Goes out: brightness of pixels, with noise, from 0 to 255.
+//!
+//! Surfaces are matt (Lambert). The texture is solid: it is a function of the place, so that every view sees the same. Each pixel is the mean of 3 × 3 rays; what the light does not reach
+//! is in shadow.
+//!
+//! Not guaranteed: light that surfaces throw at each other, gloss, and blur by lenses.
+//!
+//! # References
+//! - Perlin, *An image synthesizer*, 1985, for solid textures.
+
+use planish_estimate::Result;
+use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
+use planish_mesh::MeshSearch;
+use planish_sense::stripes::{Pinhole, StripePattern};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use rayon::prelude::*;
+
+/// Rays along each side of a pixel.
+const RAYS: usize = 3;
+/// The brightest that a white surface becomes, of 255.
+const WHITE: f64 = 240.0;
+/// Shares of the light that comes from everywhere.
+const AMBIENT_OF_LAMP: f64 = 0.25;
+const AMBIENT_OF_STRIPES: f64 = 0.06;
+/// Mean of the share of light that surfaces throw back.
+const ALBEDO: f64 = 0.6;
+/// A surface is in shadow where something stands this much, as a share of its distance, nearer to the light.
+const SHADOW: f64 = 1e-4;
+
+/// Something to look at.
+pub trait Target: Sync {
+    /// Where a ray first meets the surface, and its unit normal there, on either side.
+    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
+}
+
+impl Target for MeshSearch {
+    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+        MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
+    }
+}
+
+impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> Target for F {
+    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+        self(origin, direction)
+    }
+}
+
+/// How bright a surface is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Texture {
+    /// Half the range of brightness over its mean: 0 for a plain surface, below 1.
+    pub contrast: f64,
+    /// Size of its finest spots, as a length.
+    pub grain: f64,
+    /// Seed of its pattern.
+    pub seed: u64,
+}
+
+impl Texture {
+    /// The share of light that is thrown back at a place: three octaves of noise.
+    fn albedo(&self, at: [f64; 3]) -> f64 {
+        let octave = |k: u32| {
+            let size = self.grain * f64::from(1 << k);
+            noise(at.map(|c| c / size), self.seed.wrapping_add(u64::from(k)))
+        };
+        let sum: f64 = (0..3).map(octave).sum::<f64>() / 1.6;
+        ALBEDO * (1.0 + self.contrast * sum.clamp(-1.0, 1.0))
+    }
+}
+
+/// Smooth noise from −1 to 1: numbers at whole places, blended by `3t² − 2t³`.
+fn noise(at: [f64; 3], seed: u64) -> f64 {
+    let base = at.map(f64::floor);
+    let share: [f64; 3] = std::array::from_fn(|k| at[k] - base[k]);
+    let blend = share.map(|t| t * t * (3.0 - 2.0 * t));
+    (0..8)
+        .map(|corner| {
+            let side = |k: usize| (corner >> k) & 1;
+            let weight: f64 = (0..3)
+                .map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] })
+                .product();
+            let mut x = seed;
+            for k in 0..3 {
+                // Mixed as in splitmix64 (Steele, Lea and Flood 2014).
+                x = (x ^ (base[k] as i64 + side(k) as i64) as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+                x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+                x ^= x >> 31;
+            }
+            weight * ((x >> 11) as f64 / (1_u64 << 52) as f64 - 1.0)
+        })
+        .sum()
+}
+
+/// What lights the thing.
+#[derive(Debug, Clone, Copy)]
+pub enum Light {
+    /// A lamp at a place, and light from everywhere.
+    Lamp([f64; 3]),
+    /// A projector of crossed stripes whose brightness falls off as a Gaussian of this σ, in its pixels.
+    Stripes {
+        /// Where it stands.
+        projector: Pinhole,
+        /// What it throws.
+        pattern: StripePattern,
+        /// σ of a stripe's profile.
+        sigma_px: f64,
+    },
+}
+
+impl Light {
+    fn centre(&self) -> [f64; 3] {
+        match self {
+            Self::Lamp(at) => *at,
+            Self::Stripes { projector, .. } => projector.centre(),
+        }
+    }
+
+    /// Brightness that it throws at a place, as a share of its greatest.
+    fn towards(&self, point: [f64; 3]) -> f64 {
+        let Self::Stripes {
+            projector,
+            pattern,
+            sigma_px,
+        } = self
+        else {
+            return 1.0;
+        };
+        let Some(pixel) = projector.project(point) else {
+            return 0.0;
+        };
+        let dark = pattern
+            .indices(pixel)
+            .into_iter()
+            .zip(&pattern.range)
+            .map(|(at, [first, last])| {
+                let nearest = at.round().clamp(f64::from(*first), f64::from(*last));
+                1.0 - (-0.5 * ((at - nearest) * pattern.spacing / sigma_px).powi(2)).exp()
+            });
+        1.0 - dark.product::<f64>()
+    }
+
+    fn ambient(&self) -> f64 {
+        match self {
+            Self::Lamp(_) => AMBIENT_OF_LAMP,
+            Self::Stripes { .. } => AMBIENT_OF_STRIPES,
+        }
+    }
+}
+
+/// A picture that is to be taken.
+#[derive(Debug, Clone, Copy)]
+pub struct Exposure<'a> {
+    /// The camera.
+    pub camera: &'a Pinhole,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// The light.
+    pub light: &'a Light,
+    /// The thing's texture.
+    pub texture: &'a Texture,
+    /// σ of a pixel's brightness, of 255.
+    pub sigma_brightness: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl Exposure<'_> {
+    /// Takes it: grey from 0 to 255, row by row. The background is black.
+    ///
+    /// Cost: nine rays a pixel, and as many to the light where something is seen.
+    ///
+    /// # Errors
+    /// What `check` reports; it is asked now and then with the share that is done.
+    pub fn take(&self, target: &impl Target, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
+        let [columns, rows] = self.size;
+        let mut picture = vec![0; columns * rows];
+        // In bands, so that it can be interrupted between them.
+        let band = 32 * columns;
+        for (k, band) in picture.chunks_mut(band).enumerate() {
+            check(k as f64 * 32.0 / rows as f64)?;
+            band.par_chunks_mut(columns).enumerate().for_each(|(j, row)| {
+                let y = 32 * k + j;
+                let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+                rng.set_stream(y as u64);
+                for (x, pixel) in row.iter_mut().enumerate() {
+                    let error: f64 = self.sigma_brightness * rng.sample::<f64, _>(StandardNormal);
+                    *pixel = (self.pixel(target, x, y) + error).round().clamp(0.0, 255.0) as u8;
+                }
+            });
+        }
+        Ok(picture)
+    }
+
+    fn pixel(&self, target: &impl Target, x: usize, y: usize) -> f64 {
+        let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
+        let centre = self.camera.centre();
+        let mut sum = 0.0;
+        for j in 0..RAYS {
+            for i in 0..RAYS {
+                let direction = self.camera.direction([x as f64 + offset(i), y as f64 + offset(j)]);
+                if let Some((point, normal)) = direction.and_then(|d| target.first_hit(centre, d)) {
+                    let facing = if dot(normal, sub(centre, point)) < 0.0 {
+                        scale(-1.0, normal)
+                    } else {
+                        normal
+                    };
+                    sum += self.texture.albedo(point) * self.lit(target, point, facing);
+                }
+            }
+        }
+        WHITE * sum / (RAYS * RAYS) as f64
+    }
+
+    fn lit(&self, target: &impl Target, point: [f64; 3], normal: [f64; 3]) -> f64 {
+        let from = self.light.centre();
+        let ambient = self.light.ambient();
+        let way = sub(from, point);
+        let facing = unit(way).map_or(0.0, |d| dot(d, normal).max(0.0));
+        let thrown = self.light.towards(point);
+        if facing == 0.0 || thrown == 0.0 {
+            return ambient;
+        }
+        let seen = target.first_hit(from, scale(-1.0, way));
+        let reached = seen.is_some_and(|(hit, _)| distance(hit, point) <= SHADOW * norm(way));
+        ambient
+            + if reached {
+                (1.0 - ambient) * facing * thrown
+            } else {
+                0.0
+            }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::{grid_sheet, icosphere};
+
+    const CAMERA: Pinhole = Pinhole {
+        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
+        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        t: [0.0, 0.0, 50.0],
+    };
+    const PLAIN: Texture = Texture {
+        contrast: 0.0,
+        grain: 1.0,
+        seed: 0,
+    };
+
+    fn take(target: &impl Target, light: &Light, sigma: f64) -> Vec<u8> {
+        let exposure = Exposure {
+            camera: &CAMERA,
+            size: [41, 41],
+            light,
+            texture: &PLAIN,
+            sigma_brightness: sigma,
+            seed: 3,
+        };
+        exposure.take(target, &mut |_| Ok(())).unwrap()
+    }
+
+    #[test]
+    fn a_ball_is_bright_towards_the_lamp_and_black_around() {
+        let ball = MeshSearch::try_new(&icosphere(8.0, 4)).unwrap();
+        let seen = take(&ball, &Light::Lamp([0.0, 0.0, -500.0]), 0.0);
+        assert_eq!(seen[0], 0);
+        let middle = f64::from(seen[20 * 41 + 20]);
+        assert!((middle - WHITE * ALBEDO).abs() < 2.0, "{middle}");
+        // Lambert: half as much of the lamp where the surface is turned by 60°.
+        let x = 20 + (100.0 * 8.0 * 60.0_f64.to_radians().sin() / 46.0) as usize;
+        let turned = f64::from(seen[20 * 41 + x]);
+        assert!((turned / middle - 0.625).abs() < 0.06, "{turned}");
+    }
+
+    #[test]
+    fn stripes_stand_where_the_projector_throws_them_and_shadows_are_dark() {
+        let wall = MeshSearch::try_new(&grid_sheet(40.0, 40.0, 4, 4)).unwrap();
+        let pattern = StripePattern {
+            directions_rad: [0.0, 1.570_796_326_794_896_6],
+            spacing: 10.0,
+            origin: [20.0, 20.0],
+            range: [[-1, 1]; 2],
+        };
+        let light = Light::Stripes {
+            projector: CAMERA,
+            pattern,
+            sigma_px: 1.0,
+        };
+        let seen = take(&wall, &light, 0.0);
+        assert!(seen[20 * 41 + 5] > 100 && seen[5 * 41 + 30] > 100);
+        assert!(seen[15 * 41 + 15] < 20);
+        let noisy = take(&wall, &light, 4.0);
+        let squares: f64 = seen
+            .iter()
+            .zip(&noisy)
+            .filter(|(a, _)| **a > 20)
+            .map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2))
+            .sum();
+        let n = seen.iter().filter(|a| **a > 20).count() as f64;
+        assert!(((squares / n).sqrt() / 4.0 - 1.0).abs() < 0.1);
+        // A post before the wall, lit from the side, throws a shadow.
+        let post = |o: [f64; 3], d: [f64; 3]| {
+            let at = |z: f64| std::array::from_fn(|k| o[k] + d[k] * (z - o[2]) / d[2]);
+            let near: [f64; 3] = at(-20.0);
+            let z = if near[0].abs() < 1.0 { -20.0 } else { 0.0 };
+            (d[2] != 0.0).then(|| (at(z), [0.0, 0.0, -1.0]))
+        };
+        let seen = take(&post, &Light::Lamp([-50.0, 0.0, -50.0]), 0.0);
+        let dark = seen
+            .iter()
+            .filter(|v| (f64::from(**v) - WHITE * ALBEDO * AMBIENT_OF_LAMP).abs() < 2.0)
+            .count();
+        assert!(dark > 20, "{dark}");
+    }
+}

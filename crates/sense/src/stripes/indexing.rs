@@ -1,0 +1,161 @@
+//! Which stripes of the projector cross where: epipolar consistency.
+//!
+//! Comes in: pieces of the net, camera, projector and pattern. Goes out: for every crossing its two stripes.
+//!
+//! What the projector throws through a pixel of its picture is seen on a line of the camera's. A piece of the net knows all of its stripes but for one shift by whole stripes and a quarter turn; each
+//! such guess puts all of its crossings on lines, and only the true one puts them *near* their lines. The more crossings a piece has the surer it is; where two guesses are as good as
+//! each other, as stripes along the line between camera and projector make them, the piece is left out.
+//!
+//! # References
+//! - Hartley and Zisserman, *Multiple View Geometry*, 2004, section 9.1, for epipolar lines.
+
+use planish_estimate::vector3::{cross, dot, sub};
+
+use super::crossings::Crossing;
+use super::network::Knot;
+use super::pattern::StripePattern;
+use super::{Pinhole, inverse, times, transposed};
+
+/// Farther than so many pixels off its line a crossing is as wrong as any.
+const FAR_OFF_PX: f64 = 2.0;
+/// A guess is believed with a mean square of at most so many pixels², and if every other one's is so many times as large.
+const GOOD_PX2: f64 = 0.5;
+const SURE: f64 = 4.0;
+/// A mean square below this tells guesses apart no better, in pixels².
+const FINEST_PX2: f64 = 0.01;
+/// Pieces of fewer crossings are left out.
+pub(super) const LEAST_KNOTS: usize = 6;
+
+/// Two views of one scene: lines of one for pixels of the other.
+pub(super) struct EpipolarLines {
+    baseline: [f64; 3],
+    /// From a projector's pixel to a direction in the world.
+    ray: [[f64; 3]; 3],
+    /// From a plane through both centres to a line of the camera's image.
+    line: [[f64; 3]; 3],
+}
+
+impl EpipolarLines {
+    /// None where a matrix of intrinsics has no inverse.
+    pub fn new(camera: &Pinhole, projector: &Pinhole) -> Option<Self> {
+        let rows = |m: &[[f64; 3]; 3], k: usize| m.map(|row| row[k]);
+        let (of_projector, of_camera) = (inverse(&projector.k)?, inverse(&camera.k)?);
+        // Rᵀ K⁻¹ and K⁻ᵀ R, row by row.
+        let ray = [0, 1, 2].map(|i| transposed(&of_projector, rows(&projector.r, i)));
+        let line = [0, 1, 2].map(|i| transposed(&camera.r, rows(&of_camera, i)));
+        Some(Self {
+            baseline: sub(projector.centre(), camera.centre()),
+            ray,
+            line,
+        })
+    }
+
+    /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in pixels.
+    pub fn line(&self, projector: [f64; 2]) -> Option<[f64; 3]> {
+        let along = times(&self.ray, [projector[0], projector[1], 1.0]);
+        let line = times(&self.line, cross(self.baseline, along));
+        let length = line[0].hypot(line[1]);
+        (length > 0.0).then(|| line.map(|c| c / length))
+    }
+}
+
+/// A crossing with its stripes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Indexed {
+    /// Which of the crossings.
+    pub crossing: usize,
+    /// Its stripes of both sets.
+    pub stripes: [i32; 2],
+    /// Which of the crossing's stripes is that of the first set.
+    pub first: usize,
+}
+
+/// The stripes of a piece; none where no guess, or more than one, is good.
+pub(super) fn index(
+    piece: &[Knot],
+    crossings: &[Crossing],
+    lines: &EpipolarLines,
+    pattern: &StripePattern,
+) -> Option<Vec<Indexed>> {
+    if piece.len() < LEAST_KNOTS {
+        return None;
+    }
+    let [d0, d1] = pattern.directions();
+    let sense = if d0[0] * d1[1] - d0[1] * d1[0] > 0.0 { 1 } else { -1 };
+    // How the stripes change along the first set's direction, and after quarter turns.
+    let steps = [[0, -sense], [1, 0], [0, sense], [-1, 0]];
+    // Lines do not depend on the guess: one for each crossing of the pattern.
+    let [[a0, a1], [b0, b1]] = pattern.range;
+    let width = (b1 - b0 + 1) as usize;
+    let known: Vec<Option<[f64; 3]>> = (a0..=a1)
+        .flat_map(|a| (b0..=b1).map(move |b| [a, b]))
+        .map(|of| lines.line(pattern.crossing(of.map(f64::from))))
+        .collect();
+    let line = |of: [i32; 2]| known[(of[0] - a0) as usize * width + (of[1] - b0) as usize];
+    let (mut best, mut second): (Option<(f64, usize, [i32; 2])>, f64) = (None, f64::INFINITY);
+    for turn in 0..4 {
+        let (e, f) = (steps[turn], steps[(turn + 1) % 4]);
+        let relative: Vec<[i32; 2]> = (piece.iter())
+            .map(|k| [0, 1].map(|s| k.at[0] * e[s] + k.at[1] * f[s]))
+            .collect();
+        let reach = |s: usize| {
+            let of = relative.iter().map(|r| r[s]);
+            (of.clone().min().unwrap_or(0), of.max().unwrap_or(0))
+        };
+        let ((low0, high0), (low1, high1)) = (reach(0), reach(1));
+        for first in a0 - low0..=a1 - high0 {
+            for other in b0 - low1..=b1 - high1 {
+                let off = |(k, r): (&Knot, &[i32; 2])| {
+                    let [x, y] = crossings[k.crossing].image;
+                    let distance = line([first + r[0], other + r[1]]).map_or(f64::INFINITY, |l| dot(l, [x, y, 1.0]));
+                    distance.powi(2).min(FAR_OFF_PX * FAR_OFF_PX)
+                };
+                let mean = piece.iter().zip(&relative).map(off).sum::<f64>() / piece.len() as f64;
+                match best {
+                    Some((least, ..)) if mean >= least => second = second.min(mean),
+                    _ => {
+                        second = best.map_or(f64::INFINITY, |(least, ..)| least);
+                        best = Some((mean, turn, [first, other]));
+                    }
+                }
+            }
+        }
+    }
+    let (mean, turn, shift) = best?;
+    if mean > GOOD_PX2 || second < SURE * mean.max(FINEST_PX2) {
+        return None;
+    }
+    let (e, f) = (steps[turn], steps[(turn + 1) % 4]);
+    let of = |k: &Knot| Indexed {
+        crossing: k.crossing,
+        stripes: [0, 1].map(|s| shift[s] + k.at[0] * e[s] + k.at[1] * f[s]),
+        first: (turn + k.turn) % 2,
+    };
+    Some(piece.iter().map(of).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_both_see_lies_on_its_line() {
+        let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
+        let camera = Pinhole {
+            k,
+            r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
+            t: [3.0, -4.0, 10.0],
+        };
+        let projector = Pinhole {
+            k,
+            r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]],
+            t: [-90.0, 20.0, 30.0],
+        };
+        let lines = EpipolarLines::new(&camera, &projector).unwrap();
+        for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
+            let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());
+            let line = lines.line(thrown).unwrap();
+            assert!(dot(line, [seen[0], seen[1], 1.0]).abs() < 1e-9);
+        }
+    }
+}

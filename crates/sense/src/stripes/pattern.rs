@@ -1,0 +1,113 @@
+//! The picture that the projector throws: two sets of parallel stripes.
+
+use planish_estimate::{Error, Result};
+
+/// Two sets of parallel, evenly spaced stripes in the projector's picture.
+///
+/// Stripe k of a set with the direction φ is the line of places p with `(p − origin) · (−sin φ, cos φ) = k · spacing`: stripes 0 of both sets cross at the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StripePattern {
+    /// Angles of both sets, from x (right) to y (down), in radians.
+    pub directions_rad: [f64; 2],
+    /// Distance of neighbouring stripes of a set, in the projector's pixels.
+    pub spacing: f64,
+    /// Where stripes 0 of both sets cross, in the projector's pixels.
+    pub origin: [f64; 2],
+    /// The first and the last stripe of each set.
+    pub range: [[i32; 2]; 2],
+}
+
+impl StripePattern {
+    /// Refuses what is no pattern of crossing stripes.
+    ///
+    /// # Errors
+    /// `Input` for sets that run the same way to within 10°, a spacing that is not above 0, or ranges without two stripes.
+    pub fn sanity_check(&self) -> Result<()> {
+        let [a, b] = self.directions_rad;
+        let crossing = (b - a).sin().abs().asin().to_degrees();
+        if !(crossing >= 10.0) {
+            return Err(Error::input(format!(
+                "needed two sets of stripes that cross at 10° or more, found {crossing:.1}°"
+            )));
+        }
+        if !(self.spacing > 0.0 && self.spacing.is_finite() && self.origin.iter().all(|c| c.is_finite())) {
+            return Err(Error::input(format!(
+                "needed a spacing of stripes above 0 and a finite origin, found {} and {:?}",
+                self.spacing, self.origin
+            )));
+        }
+        match self.range.iter().find(|[first, last]| last <= first) {
+            Some([first, last]) => Err(Error::input(format!(
+                "needed two stripes of each set or more, found {first} to {last}"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Unit vectors along the stripes of both sets.
+    #[must_use]
+    pub fn directions(&self) -> [[f64; 2]; 2] {
+        self.directions_rad.map(|a| [a.cos(), a.sin()])
+    }
+
+    /// Where a place lies among the stripes of both sets: whole numbers on them.
+    #[must_use]
+    pub fn indices(&self, place: [f64; 2]) -> [f64; 2] {
+        let d = [place[0] - self.origin[0], place[1] - self.origin[1]];
+        self.directions().map(|[x, y]| (x * d[1] - y * d[0]) / self.spacing)
+    }
+
+    /// Where two stripes, one of each set, cross.
+    #[must_use]
+    pub fn crossing(&self, of: [f64; 2]) -> [f64; 2] {
+        let [[ax, ay], [bx, by]] = self.directions();
+        let [r, s] = of.map(|k| k * self.spacing);
+        // −ay x + ax y = r, −by x + bx y = s.
+        let determinant = ax * by - ay * bx;
+        let x = (bx * r - ax * s) / determinant;
+        let y = (by * r - ay * s) / determinant;
+        [self.origin[0] + x, self.origin[1] + y]
+    }
+
+    /// Whether both stripes are part of the pattern.
+    #[must_use]
+    pub fn holds(&self, of: [i32; 2]) -> bool {
+        of.iter()
+            .zip(&self.range)
+            .all(|(k, [first, last])| k >= first && k <= last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossings_have_whole_indices() {
+        let pattern = StripePattern {
+            directions_rad: [0.4, 2.1],
+            spacing: 17.0,
+            origin: [300.0, 200.0],
+            range: [[-5, 5]; 2],
+        };
+        pattern.sanity_check().unwrap();
+        for of in [[0.0, 0.0], [3.0, -4.0], [-5.0, 2.0]] {
+            let found = pattern.indices(pattern.crossing(of));
+            assert!((0..2).all(|k| (found[k] - of[k]).abs() < 1e-12), "{found:?}");
+        }
+        assert!(pattern.holds([5, -5]) && !pattern.holds([6, 0]));
+        let same = StripePattern {
+            directions_rad: [0.4, 0.4 + std::f64::consts::PI],
+            ..pattern
+        };
+        assert!(same.sanity_check().unwrap_err().to_string().contains("cross at 10°"));
+        assert!(
+            StripePattern {
+                range: [[0, 3], [1, 1]],
+                ..pattern
+            }
+            .sanity_check()
+            .is_err()
+        );
+    }
+}
