@@ -23,6 +23,7 @@ pub fn run(args: &CompareArgs) -> u8 {
 
 fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let options = CompareOptions {
+        part: args.part.into(),
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
     };

@@ -7,7 +7,8 @@ use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
-use planish::{Result, Unit};
+use planish::propagate::{SymmetryChoice, SymmetryReport};
+use planish::{Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -42,6 +43,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 .ground
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             max_coefficients: args.max_coefficients,
+            symmetry: args.symmetry,
             gate: args.gate,
             held_out_share: args.held_out,
             seed: args.common.seed,
@@ -89,6 +91,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
+    option("--symmetry", args.symmetry.as_ref().map(named));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
     option(
         "--max-coefficients",
@@ -163,6 +166,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
         ),
         ("ended", ending(fit).to_owned()),
     ]);
+    propagation(&mut lines, fit, *unit);
     set_aside(&mut lines, fit);
     sensors(&mut lines, fit, *unit);
     poses(&mut lines, fit, *unit);
@@ -183,6 +187,53 @@ fn ending(fit: &FitReport) -> &'static str {
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",
     }
+}
+
+/// A symmetry as the command line names it.
+fn named(choice: &SymmetryChoice) -> String {
+    let towards = |d: &Option<[f64; 3]>| d.map_or(String::new(), |[x, y, z]| format!(":{x},{y},{z}"));
+    match choice {
+        SymmetryChoice::Auto => "auto".to_owned(),
+        SymmetryChoice::Of(SymmetryKind::Mirror { towards: d }) => format!("mirror{}", towards(d)),
+        SymmetryChoice::Of(SymmetryKind::Rotation { order, towards: d }) => {
+            let order = order.map_or("full".to_owned(), |n| n.to_string());
+            format!("rotation:{order}{}", towards(d))
+        }
+    }
+}
+
+/// What was completed, and by what.
+fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    let Some(found) = &fit.propagation else { return };
+    lines.gap();
+    if let Some(symmetry) = &found.symmetry {
+        lines.line(symmetry_line(symmetry, unit));
+    }
+    lines.line(format!(
+        "Completed: {} of the area, by {} that were concluded from others.",
+        percent(found.invented_area_fraction),
+        counted(found.pseudo_readings, "reading")
+    ));
+}
+
+fn symmetry_line(found: &SymmetryReport, unit: Unit) -> String {
+    if !found.is_found() {
+        return "Symmetry: none that the readings bear out.".to_owned();
+    }
+    let what = match (found.kind.as_str(), found.order) {
+        ("mirror", _) => "a mirror plane".to_owned(),
+        (_, Some(order)) => format!("a rotation of order {order}"),
+        (_, None) => "a surface of revolution".to_owned(),
+    };
+    let proposed = if found.proposed { ", proposed" } else { "" };
+    let largest = |values: &[f64]| values.iter().fold(0.0, |a: f64, b| a.max(*b));
+    format!(
+        "Symmetry: {what}{proposed}; {} of {} pieces of the cloud agree; its place is known to {} {unit}, its direction to {}°.",
+        count(found.agreeing),
+        count(found.compared),
+        significant(largest(&found.sigma_point), 2),
+        significant(largest(&found.sigma_direction_deg), 2)
+    )
 }
 
 fn set_aside(lines: &mut Lines, fit: &FitReport) {

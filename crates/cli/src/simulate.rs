@@ -1,15 +1,16 @@
 //! `planish simulate`.
 
-use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs};
+use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, VesselArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_scans_scene,
-    write_sphere,
+    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, VesselOptions,
+    write_scans_scene, write_sphere, write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::Path;
 
 /// The keys of `simulate` beside the common ones.
 #[derive(Serialize)]
@@ -25,8 +26,12 @@ struct Body {
 pub fn run(args: &SimulateArgs) -> u8 {
     match &args.what {
         Simulated::Scene(scene) => {
-            let Scene::Scans(args) = &scene.scene;
-            report::run("simulate scene scans", &args.common, |progress| scans(args, progress))
+            match &scene.scene {
+                Scene::Scans(args) => report::run("simulate scene scans", &args.common, |progress| scans(args, progress)),
+                Scene::Vessel(args) => {
+                    report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
+                }
+            }
         }
         Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
     }
@@ -130,9 +135,26 @@ fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         truth_triangles: args.truth_triangles,
     };
     let made = write_scans_scene(&options, &args.out, progress)?;
-    Ok(Summary {
-        text: text(args, &made, options.unit),
-        unit: Some(options.unit),
+    Ok(summary(&args.out, made, options.unit, ["", ""]))
+}
+
+fn vessel(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = VesselOptions {
+        seed: args.common.seed,
+        readings: args.readings,
+        sigma: args.sigma,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_vessel_scene(&options, &args.out, progress)?;
+    let how = [" --symmetry rotation:full", " --part completed"];
+    Ok(summary(&args.out, made, options.unit, how))
+}
+
+/// `how` are the options of `fit` and of `compare` that suit the scene.
+fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, how: [&str; 2]) -> Summary<Body> {
+    Summary {
+        text: text(out, &made, unit, how),
+        unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files.clone(),
         warnings: Vec::new(),
@@ -143,10 +165,10 @@ fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             warnings: [],
             termination: "converged",
         },
-    })
+    }
 }
 
-fn text(args: &ScansArgs, made: &ScanSceneSummary, unit: Unit) -> String {
+fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
     let mut lines = Lines::default();
     lines.line(format!(
         "Simulated {} readings of a {}.",
@@ -200,16 +222,16 @@ fn text(args: &ScansArgs, made: &ScanSceneSummary, unit: Unit) -> String {
         &rows,
     );
     lines.gap();
-    let job = args.out.join("job.toml");
+    let job = out.join("job.toml");
     lines.line(format!(
         "Wrote {} files to {}. Next:",
         made.files.len(),
-        args.out.display()
+        out.display()
     ));
-    lines.line(format!("  planish fit {} -o part.planish", job.display()));
+    lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));
     lines.line(format!(
-        "  planish compare part.planish {}",
-        args.out.join("truth.ply").display()
+        "  planish compare part.planish {}{compare}",
+        out.join("truth.ply").display()
     ));
     lines.into_text()
 }

@@ -11,6 +11,7 @@
 //! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
 //! | figure | line charts as SVG |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
 //! ```
 //! use planish::simulate::{ScanSceneOptions, scans};
@@ -29,6 +30,7 @@ mod scans;
 mod second_order;
 mod sphere;
 mod truth;
+mod vessel;
 mod virtual_sensor;
 
 #[cfg(test)]
@@ -41,4 +43,5 @@ pub use scans::{
 };
 pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
+pub use vessel::{VesselOptions, vessel, write_vessel_scene};
 pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

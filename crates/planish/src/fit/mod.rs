@@ -4,6 +4,7 @@ mod engine;
 mod finish;
 mod growth;
 mod indicator;
+mod invented;
 mod known;
 mod large;
 mod noise;
@@ -12,11 +13,13 @@ mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
-pub use observations::{ObservationOptions, Observations, Rejection};
+pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
 
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
+use crate::propagate::{self, PropagationReport, SymmetryChoice};
 use large::Parts;
+use stages::Settled;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
@@ -39,6 +42,10 @@ pub struct FitOptions {
     pub ground: Option<GroundWidth>,
     /// No more control vertices than this.
     pub max_coefficients: usize,
+    /// The symmetry by which parts that nobody saw are completed.
+    pub symmetry: Option<SymmetryChoice>,
+    /// Whether gaps are completed by the simple shape of what surrounds them.
+    pub complete_smooth: bool,
     /// Readings farther from the surface than this many σ are outliers.
     pub gate: f64,
     /// Share of the readings held out to judge the fit.
@@ -66,6 +73,8 @@ impl Default for FitOptions {
             tolerance: None,
             ground: None,
             max_coefficients: 12_000,
+            symmetry: None,
+            complete_smooth: false,
             gate: 4.0,
             held_out_share: 0.1,
             seed: 0,
@@ -126,6 +135,9 @@ pub struct FitReport {
     pub observed_area_fraction: f64,
     /// Weight of the thin-plate energy, by marginal likelihood.
     pub smoothness_weight: f64,
+    /// What was completed by what was measured elsewhere, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub propagation: Option<PropagationReport>,
     /// The judgement by points that took no part.
     pub held_out: HeldOut,
     /// How it ended.
@@ -187,12 +199,19 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
         ..options.clone()
     };
-    let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
+    let completes = options.symmetry.is_some() || options.complete_smooth;
+    let dealt = if completes {
+        None
+    } else {
+        Parts::deal(set, options, ground.as_ref())?
+    };
+    let Some(parts) = dealt else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
         progress.check("normals", 0.01)?;
-        let settled = stages::settle(&observations, &sheet, progress)?;
-        return finish::finish(set, &observations, settled, options, None, None, progress)?.translated(origin);
+        let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
+        return finish::finish(set, &observations, settled, options, None, None, propagation, progress)?
+            .translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
@@ -211,7 +230,24 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     progress.check("normals", 0.02)?;
     let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), progress)?.translated(origin)
+    finish::finish(set, &observations, settled, options, None, Some(absorbed), None, progress)?.translated(origin)
+}
+
+/// Completes the observations by what the options ask for, and settles a surface on all of them.
+fn propagated(
+    observations: &mut Observations,
+    origin: [f64; 3],
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<(Settled, Option<PropagationReport>)> {
+    let mut report = None;
+    if let Some(choice) = options.symmetry {
+        progress.check("symmetry", 0.015)?;
+        let found = propagate::complete_by_symmetry(observations, choice)?;
+        report = Some(found.translated(origin));
+    }
+    let settled = stages::settle(observations, options, progress)?;
+    Ok((settled, report))
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -273,5 +309,5 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
     let settled = finish::place(model, &observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), None, progress)?.translated(origin)
+    finish::finish(set, &observations, settled, options, Some(model), None, None, progress)?.translated(origin)
 }

@@ -89,6 +89,19 @@ impl Symmetry {
         add(self.point(), self.carry(map, sub(p, self.point())))
     }
 
+    /// The image of a point and its normal: turned by the angle about the axis, or reflected where there is none.
+    #[must_use]
+    pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+        let map = angle.map_or(Map::Reflect, Map::turn);
+        (self.apply(map, point), self.carry(map, normal))
+    }
+
+    /// The angle of a point about the axis; about the normal of a plane.
+    #[must_use]
+    pub fn angle(&self, point: [f64; 3]) -> f64 {
+        self.cylindrical(point)[2]
+    }
+
     /// Derivatives of [`Symmetry::apply`] by the parameters, as [`Symmetry::moved`] takes them.
     pub(super) fn derivatives(&self, map: Map, p: [f64; 3]) -> [[f64; 3]; MOST_PARAMETERS] {
         let (e1, e2) = tangents(self.direction());
