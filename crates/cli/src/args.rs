@@ -120,6 +120,13 @@ impl From<ShapeName> for Shape {
     }
 }
 
+/// How gaps are completed.
+#[allow(missing_docs, reason = "as for `ShapeName`; `--complete` explains it")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Completion {
+    Smooth,
+}
+
 /// A part of a model on the command line.
 #[allow(missing_docs, reason = "as for `ShapeName`; `--part` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -237,6 +244,10 @@ pub struct FitArgs {
     #[arg(long, value_name = "SYMMETRY", value_parser = symmetry, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv"])]
     pub symmetry: Option<SymmetryChoice>,
+
+    /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with its uncertainty, and that of which it is
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion", conflicts_with_all = ["update", "known_uv"])]
+    pub complete: Option<Completion>,
 
     /// Set readings aside that lie farther from the surface than this many σ
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate, allow_negative_numbers = true,

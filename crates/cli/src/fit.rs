@@ -1,13 +1,13 @@
 //! `planish fit`.
 
-use crate::args::FitArgs;
+use crate::args::{Completion, FitArgs};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
-use planish::propagate::{SymmetryChoice, SymmetryReport};
+use planish::propagate::{GapReport, SymmetryChoice, SymmetryReport};
 use planish::{Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -44,6 +44,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             max_coefficients: args.max_coefficients,
             symmetry: args.symmetry,
+            complete_smooth: args.complete == Some(Completion::Smooth),
             gate: args.gate,
             held_out_share: args.held_out,
             seed: args.common.seed,
@@ -91,6 +92,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
+    option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(named));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
     option(
@@ -209,11 +211,37 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
     if let Some(symmetry) = &found.symmetry {
         lines.line(symmetry_line(symmetry, unit));
     }
+    for gap in found.gaps.iter().take(GAPS_SHOWN) {
+        lines.line(gap_line(gap, unit));
+    }
+    if found.gaps.len() > GAPS_SHOWN {
+        lines.line(format!("Gaps: {} more, see --json.", found.gaps.len() - GAPS_SHOWN));
+    }
     lines.line(format!(
         "Completed: {} of the area, by {} that were concluded from others.",
         percent(found.invented_area_fraction),
         counted(found.pseudo_readings, "reading")
     ));
+}
+
+/// Gaps that are told one by one.
+const GAPS_SHOWN: usize = 6;
+
+fn gap_line(gap: &GapReport, unit: Unit) -> String {
+    let area = format!("Gap of {} {unit}²", significant(gap.area, 3));
+    let shape = match (gap.kind.as_str(), gap.radius) {
+        ("none", _) => return format!("{area}: what surrounds it is no plane, sphere or cylinder; left to the prior."),
+        (kind, Some([r, sigma])) => {
+            format!("a {kind} of radius {} ± {} {unit}", significant(r, 4), significant(sigma, 2))
+        }
+        (kind, None) => format!("a {kind}"),
+    };
+    format!(
+        "{area}: {shape}, by {} around it (reduced χ² {}, probability {}).",
+        counted(gap.readings, "reading"),
+        significant(gap.reduced_chi_square.unwrap_or(f64::NAN), 3),
+        significant(gap.probability.unwrap_or(f64::NAN), 2)
+    )
 }
 
 fn symmetry_line(found: &SymmetryReport, unit: Unit) -> String {

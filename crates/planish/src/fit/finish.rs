@@ -7,7 +7,7 @@ use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_s
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
-use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
+use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
@@ -79,16 +79,20 @@ pub(super) fn finish(
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
     let taken = |k: usize| observations.invented(subset[k] as usize).is_none();
-    let mut measured = observed_leaves(surface, &feet, &information, taken);
+    let own = leaves_with_feet(surface, &feet, &information, taken);
+    let mut measured = with_neighbours(surface.space(), &own);
     if let Some(absorbed) = &absorbed {
         for (now, other) in measured.iter_mut().zip(&absorbed.observed) {
             *now |= other;
         }
     }
-    let invented = observed_leaves(surface, &feet, &information, |k| !taken(k));
+    let concluded = leaves_with_feet(surface, &feet, &information, |k| !taken(k));
+    let invented = with_neighbours(surface.space(), &concluded);
     let before = |leaf: usize| earlier.map_or(Observed::PriorOnly, |model| model.observed[leaf]);
     let observed: Vec<Observed> = (0..measured.len())
         .map(|leaf| match before(leaf) {
+            // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured, even if its neighbour was.
+            before if concluded[leaf] && !own[leaf] && !before.is_measured() => Observed::Invented,
             _ if measured[leaf] => Observed::Measured,
             Observed::PriorOnly if invented[leaf] => Observed::Invented,
             before => before,

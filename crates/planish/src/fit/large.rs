@@ -245,7 +245,7 @@ impl Absorbed {
         for (seen, now) in self
             .observed
             .iter_mut()
-            .zip(observed_leaves(surface, &feet, &information, |_| true))
+            .zip(observed_leaves(surface, &feet, &information))
         {
             *seen |= now;
         }

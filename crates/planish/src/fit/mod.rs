@@ -2,6 +2,7 @@
 
 mod engine;
 mod finish;
+mod gaps;
 mod growth;
 mod indicator;
 mod invented;
@@ -246,8 +247,23 @@ fn propagated(
         let found = propagate::complete_by_symmetry(observations, choice)?;
         report = Some(found.translated(origin));
     }
-    let settled = stages::settle(observations, options, progress)?;
-    Ok((settled, report))
+    if !options.complete_smooth {
+        return Ok((stages::settle(observations, options, progress)?, report));
+    }
+    let settled = stages::settle(observations, options, &Part::new(progress, 0.0, 0.6))?;
+    let (readings, gaps) = gaps::completed(observations, &settled, options.gate);
+    let mut report = report.unwrap_or_default();
+    report.gaps = gaps;
+    report.pseudo_readings += readings.len();
+    if readings.is_empty() {
+        return Ok((settled, Some(report)));
+    }
+    observations.add_invented(&readings);
+    let subset = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]);
+    let subset = subset.collect();
+    let rest = Part::new(progress, 0.6, 0.9);
+    let settled = stages::refine_to_noise(observations, settled.surface, subset, options, &rest)?;
+    Ok((settled, Some(report)))
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.

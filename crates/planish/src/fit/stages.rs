@@ -761,7 +761,7 @@ fn misfit(
 }
 
 /// A leaf and those around it, each once.
-fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))
@@ -775,8 +775,8 @@ fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     found
 }
 
-/// For each leaf, whether it or one of its eight neighbours holds an ungated foot of those that count, by their number.
-pub(super) fn observed_leaves(
+/// For each leaf, whether it holds an ungated foot of those that count, by their number.
+pub(super) fn leaves_with_feet(
     surface: &Surface,
     feet: &[Foot],
     information: &[f64],
@@ -787,7 +787,12 @@ pub(super) fn observed_leaves(
     for (k, (foot, &w)) in feet.iter().zip(information).enumerate() {
         own[foot.leaf as usize] |= w > 0.0 && counts(k);
     }
-    with_neighbours(space, &own)
+    own
+}
+
+/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
+pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
+    with_neighbours(surface.space(), &leaves_with_feet(surface, feet, information, |_| true))
 }
 
 /// The marked leaves and the neighbours of each.

@@ -7,13 +7,17 @@
 //! | module | what |
 //! |---|---|
 //! | symmetry | copies of the readings by a rotation or a reflection |
+//! | gap | what surrounds a gap; `fit` finds the gaps of its surface |
 //!
 //! # References
 //! The paper on Kalman spline fusion, section 3.3.
 
+mod gap;
 mod seen;
 mod symmetry;
 
+pub use gap::GapReport;
+pub(crate) use seen::Seen;
 pub use symmetry::{SymmetryChoice, SymmetryReport, complete_by_symmetry};
 
 use planish_estimate::vector3::add;
@@ -25,6 +29,9 @@ pub struct PropagationReport {
     /// The symmetry that was fitted, or looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub symmetry: Option<SymmetryReport>,
+    /// The gaps that were looked at, the largest first, where that was asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub gaps: Vec<GapReport>,
     /// Readings that were concluded from others.
     pub pseudo_readings: usize,
     /// Share of the surface's area that is known through them alone.

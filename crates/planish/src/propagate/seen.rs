@@ -8,7 +8,7 @@ use std::collections::HashMap;
 const SAME_SIDE: f64 = 0.3;
 
 /// The readings of a cloud by their places.
-pub(super) struct Seen<'a> {
+pub(crate) struct Seen<'a> {
     observations: &'a Observations,
     reach: f64,
     cells: HashMap<[i64; 3], Vec<u32>>,
@@ -16,7 +16,7 @@ pub(super) struct Seen<'a> {
 
 impl<'a> Seen<'a> {
     /// What lies within `reach` of a reading counts as seen.
-    pub(super) fn new(observations: &'a Observations, reach: f64) -> Self {
+    pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
         for (i, p) in (0..).zip(&observations.points) {
             cells.entry(cell(*p, reach)).or_default().push(i);
@@ -29,7 +29,7 @@ impl<'a> Seen<'a> {
     }
 
     /// Whether a reading lies near a place and faces its way.
-    pub(super) fn near(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
+    pub(crate) fn near(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
         let [x, y, z] = cell(p, self.reach);
         (0..27).any(|k| {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
