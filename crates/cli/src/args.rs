@@ -120,6 +120,13 @@ impl From<ShapeName> for Shape {
     }
 }
 
+/// How a thing moves.
+#[allow(missing_docs, reason = "as for `ShapeName`; `--motion` explains it")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MotionName {
+    Rigid,
+}
+
 /// How gaps are completed.
 #[allow(missing_docs, reason = "as for `ShapeName`; `--complete` explains it")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -245,6 +252,11 @@ pub struct FitArgs {
           conflicts_with_all = ["update", "known_uv"])]
     pub symmetry: Option<SymmetryChoice>,
 
+    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds): rigid finds its poses and its velocity;
+    /// the model is the thing as the first scan met it
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion",
+          conflicts_with_all = ["update", "known_uv", "ground"])]
+    pub motion: Option<MotionName>,
     /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with its uncertainty, and that of which it is
     #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion", conflicts_with_all = ["update", "known_uv"])]
     pub complete: Option<Completion>,
@@ -555,6 +567,8 @@ pub enum Scene {
     Scans(ScansArgs),
     /// A vessel of revolution, 100 mm high, seen from one side only: what nobody saw follows from its symmetry
     Vessel(VesselArgs),
+    /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
+    Turning(TurningArgs),
 }
 
 const VESSEL_EXAMPLES: &str = "\
@@ -575,6 +589,38 @@ pub struct VesselArgs {
     /// Readings, about
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = whole, allow_negative_numbers = true)]
     pub readings: usize,
+    /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub sigma: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const TURNING_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene turning --views 6 --rate 6 --out turning
+  planish fit turning/job.toml --motion rigid -o thing.planish
+  planish compare thing.planish turning/truth.ply
+
+The folder then holds job.toml (with the time of each scan), a .ply file for each, truth.ply (the thing as the first scan met it) and truth.json (axis and rate).";
+
+/// Arguments of `planish simulate scene turning`.
+#[derive(Debug, Args)]
+#[command(after_help = TURNING_EXAMPLES)]
+pub struct TurningArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Readings of all scans together, about
+    #[arg(long, value_name = "N", default_value_t = 60_000, value_parser = whole, allow_negative_numbers = true)]
+    pub readings: usize,
+    /// Scans, one a second
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = whole, allow_negative_numbers = true)]
+    pub views: usize,
+    /// Degrees by which the table turns in a second
+    #[arg(long, value_name = "DEG", default_value_t = 6.0, value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
     /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: Option<f64>,
@@ -729,7 +775,8 @@ fn direction(text: &str) -> Result<[f64; 3], String> {
         "z" => return Ok([0.0, 0.0, 1.0]),
         _ => {}
     }
-    let numbers: Vec<f64> = (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
+    let numbers: Vec<f64> =
+        (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
     let all: [f64; 3] = numbers.try_into().map_err(|_| needed())?;
     if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
         Ok(all)

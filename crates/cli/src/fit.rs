@@ -1,6 +1,6 @@
 //! `planish fit`.
 
-use crate::args::{Completion, FitArgs};
+use crate::args::{Completion, FitArgs, MotionName};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
@@ -44,6 +44,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             max_coefficients: args.max_coefficients,
             symmetry: args.symmetry,
+            rigid_motion: args.motion == Some(MotionName::Rigid),
             complete_smooth: args.complete == Some(Completion::Smooth),
             gate: args.gate,
             held_out_share: args.held_out,
@@ -92,6 +93,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
+    option("--motion", args.motion.map(|_| "rigid".to_owned()));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(named));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
@@ -211,6 +213,18 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
     if let Some(symmetry) = &found.symmetry {
         lines.line(symmetry_line(symmetry, unit));
     }
+    if let Some(motion) = &found.motion {
+        let pair = |[value, sigma]: [f64; 2]| format!("{} ± {}", significant(value, 5), significant(sigma, 2));
+        lines.line(format!(
+            "Motion: turned by {}° a second, its middle moved by {} {unit} a second, over {}.",
+            pair(motion.rate_deg_per_s),
+            pair(motion.speed),
+            counted(motion.poses.len(), "scan")
+        ));
+        if found.symmetry.is_none() && found.gaps.is_empty() {
+            return;
+        }
+    }
     for gap in found.gaps.iter().take(GAPS_SHOWN) {
         lines.line(gap_line(gap, unit));
     }
@@ -232,7 +246,11 @@ fn gap_line(gap: &GapReport, unit: Unit) -> String {
     let shape = match (gap.kind.as_str(), gap.radius) {
         ("none", _) => return format!("{area}: what surrounds it is no plane, sphere or cylinder; left to the prior."),
         (kind, Some([r, sigma])) => {
-            format!("a {kind} of radius {} ± {} {unit}", significant(r, 4), significant(sigma, 2))
+            format!(
+                "a {kind} of radius {} ± {} {unit}",
+                significant(r, 4),
+                significant(sigma, 2)
+            )
         }
         (kind, None) => format!("a {kind}"),
     };

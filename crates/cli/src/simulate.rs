@@ -1,12 +1,12 @@
 //! `planish simulate`.
 
-use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, VesselArgs};
+use crate::args::{ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, TurningArgs, VesselArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, VesselOptions,
-    write_scans_scene, write_sphere, write_vessel_scene,
+    SPHERE_COLUMNS, ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions,
+    VesselOptions, write_scans_scene, write_sphere, write_turning_scene, write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -25,14 +25,15 @@ struct Body {
 /// Runs the command; returns the exit code.
 pub fn run(args: &SimulateArgs) -> u8 {
     match &args.what {
-        Simulated::Scene(scene) => {
-            match &scene.scene {
-                Scene::Scans(args) => report::run("simulate scene scans", &args.common, |progress| scans(args, progress)),
-                Scene::Vessel(args) => {
-                    report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
-                }
+        Simulated::Scene(scene) => match &scene.scene {
+            Scene::Scans(args) => report::run("simulate scene scans", &args.common, |progress| scans(args, progress)),
+            Scene::Turning(args) => report::run("simulate scene turning", &args.common, |progress| {
+                turning(args, progress)
+            }),
+            Scene::Vessel(args) => {
+                report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
             }
-        }
+        },
         Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
     }
 }
@@ -150,6 +151,19 @@ fn vessel(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     Ok(summary(&args.out, made, options.unit, how))
 }
 
+fn turning(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = TurningOptions {
+        seed: args.common.seed,
+        readings: args.readings,
+        views: args.views,
+        rate_deg_per_s: args.rate,
+        sigma: args.sigma,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_turning_scene(&options, &args.out, progress)?;
+    Ok(summary(&args.out, made, options.unit, [" --motion rigid", ""]))
+}
+
 /// `how` are the options of `fit` and of `compare` that suit the scene.
 fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, how: [&str; 2]) -> Summary<Body> {
     Summary {
@@ -223,11 +237,7 @@ fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 
     );
     lines.gap();
     let job = out.join("job.toml");
-    lines.line(format!(
-        "Wrote {} files to {}. Next:",
-        made.files.len(),
-        out.display()
-    ));
+    lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), out.display()));
     lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));
     lines.line(format!(
         "  planish compare part.planish {}{compare}",

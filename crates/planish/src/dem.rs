@@ -86,10 +86,12 @@ pub fn dem_from_model(
                         .and_then(|from| place_under(surface, [x, y], from))
                         .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
                     guess = place.as_ref().map(|p| p.parameters);
-                    place.filter(|p| model.observed[p.leaf as usize].is_measured()).map(|p| Place {
-                        cell: row * columns + column,
-                        ..p
-                    })
+                    place
+                        .filter(|p| model.observed[p.leaf as usize].is_measured())
+                        .map(|p| Place {
+                            cell: row * columns + column,
+                            ..p
+                        })
                 })
                 .collect()
         })

@@ -11,6 +11,7 @@
 //! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
 //! | figure | line charts as SVG |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
 //! ```
@@ -30,6 +31,7 @@ mod scans;
 mod second_order;
 mod sphere;
 mod truth;
+mod turning;
 mod vessel;
 mod virtual_sensor;
 
@@ -38,10 +40,11 @@ mod tests;
 
 pub use form::{BallBump, BallForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
 pub use scans::{
-    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TruthSummary, scans, write_scan_scene,
-    write_scans_scene,
+    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
+    write_scan_scene, write_scans_scene,
 };
 pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
+pub use turning::{TurningOptions, turning, write_turning_scene};
 pub use vessel::{VesselOptions, vessel, write_vessel_scene};
 pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

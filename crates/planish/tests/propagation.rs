@@ -10,9 +10,10 @@ use planish::fit::{Fit, FitOptions, fit};
 use planish::model::{Observed, Posterior};
 use planish::progress::Silent;
 use planish::propagate::SymmetryChoice;
-use planish::simulate::{VesselOptions, vessel};
+use planish::simulate::{TurningOptions, VesselOptions, turning, vessel};
 use planish::{Shape, SymmetryKind};
-use planish_estimate::vector3::{add_scaled, unit};
+use planish_estimate::vector3::{add_scaled, cross, scale, unit};
+use planish_sense::Pose;
 use planish_spline::{FootPointSearch, ProjectionOptions};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -186,10 +187,16 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
         )
         .unwrap();
         let (before, _, _) = judge(&plain, &truth, None);
-        println!("{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}", found.gaps);
+        println!(
+            "{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}",
+            found.gaps
+        );
         assert!(n > 100, "{kind}: {n} of {} are completed", truth.len());
         assert!(rms < sigma && coverage > 0.9, "{kind}: {rms} {coverage}");
-        assert!(kind == "plane" || before > 1.5 * rms, "{kind}: {before} before, {rms} after");
+        assert!(
+            kind == "plane" || before > 1.5 * rms,
+            "{kind}: {before} before, {rms} after"
+        );
     }
 }
 
@@ -211,5 +218,73 @@ fn a_freeform_without_symmetry_is_told_so() {
         ..FitOptions::default()
     };
     let error = fit(&scene.set, &wanted, &Silent).err().unwrap();
-    assert!(error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"), "{error}");
+    assert!(
+        error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"),
+        "{error}"
+    );
+}
+
+#[test]
+fn pose_and_rate_of_a_turning_thing_lie_within_their_sigma() {
+    let (mut rate_error, mut pose_error) = (0.0, 0.0);
+    let seeds = [1, 2, 3];
+    for seed in seeds {
+        let scene = turning(&TurningOptions {
+            seed,
+            readings: 24_000,
+            views: 5,
+            ..TurningOptions::default()
+        })
+        .unwrap();
+        let options = FitOptions {
+            rigid_motion: true,
+            ..FitOptions::default()
+        };
+        let fitted = fit(&scene.set, &options, &Silent).unwrap();
+        let motion = fitted.report.propagation.clone().unwrap().motion.unwrap();
+        let truth = scene.motion.unwrap();
+        let [rate, sigma] = motion.rate_deg_per_s;
+        rate_error += ((rate - truth.rate_deg_per_s) / sigma).powi(2) / seeds.len() as f64;
+        for pose in &motion.poses[1..] {
+            let turn = scale((truth.rate_deg_per_s * pose.time_s).to_radians(), truth.axis);
+            let true_pose = Pose::from_twist(turn, cross(truth.axis_point, turn));
+            let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, pose.translation).unwrap();
+            let (off, _) = found.inverse().after(&true_pose).twist();
+            let squares: f64 = (0..3)
+                .map(|k| (off[k].to_degrees() / pose.sigma_rotation_deg[k]).powi(2))
+                .sum();
+            pose_error += squares / (3 * (motion.poses.len() - 1) * seeds.len()) as f64;
+        }
+        println!(
+            "rate {rate} ± {sigma}; speed {:?}; last pose σ {:?}",
+            motion.speed, motion.poses[4].sigma_rotation_deg
+        );
+        // Of the true surface what was seen.
+        let seen = scene.readings.iter().flatten().step_by(11);
+        let points: Vec<_> = seen.map(|r| (r.point.position, r.point.normal)).collect();
+        let (rms, coverage, _) = judge(&fitted, &points, Some(Observed::Measured));
+        println!("measured {rms}, coverage {coverage}");
+        assert!(rms < 0.1);
+    }
+    println!("squares over variance: rate {rate_error}, poses {pose_error}");
+    // Of one number and of three, over three scenes: pose errors of a scene are alike, as they share its first scan.
+    assert!(rate_error < 4.0, "{rate_error}");
+    assert!((0.2..3.0).contains(&pose_error), "{pose_error}");
+}
+
+#[test]
+fn a_moving_thing_needs_times() {
+    let mut scene = turning(&TurningOptions {
+        readings: 2000,
+        views: 2,
+        ..TurningOptions::default()
+    })
+    .unwrap();
+    scene.set.scans[1].scan.time_s = None;
+    let options = FitOptions {
+        rigid_motion: true,
+        ..FitOptions::default()
+    };
+    let error = fit(&scene.set, &options, &Silent).err().unwrap();
+    assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
 }

@@ -1,5 +1,7 @@
 //! Rigid motions that carry a scanner's frame into the world.
 
+use planish_estimate::vector3::{add_scaled, cross, norm, scale};
+
 /// A rigid motion `p_world = R p_scanner + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -123,6 +125,54 @@ impl Pose {
         }
     }
 
+    /// The motion of a constant twist after unit time, `exp`: turning by the vector `rotation_rad` while the origin's velocity, in the turning frame, is
+    /// `translation`.
+    ///
+    /// # References
+    /// Murray, Li & Sastry, *A mathematical introduction to robotic manipulation*, 1994, eq. 2.36.
+    #[must_use]
+    pub fn from_twist(rotation_rad: [f64; 3], translation: [f64; 3]) -> Self {
+        let angle = norm(rotation_rad);
+        let half = 0.5 * angle;
+        // sin(θ/2)/θ, (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where θ² is lost beside one.
+        let (sinc, first, second) = if angle < 1e-4 {
+            (0.5 - angle * angle / 48.0, 0.5, 1.0 / 6.0)
+        } else {
+            let square = angle * angle;
+            (
+                half.sin() / angle,
+                (1.0 - angle.cos()) / square,
+                (angle - angle.sin()) / (square * angle),
+            )
+        };
+        let [x, y, z] = scale(sinc, rotation_rad);
+        let once = cross(rotation_rad, translation);
+        let twice = cross(rotation_rad, once);
+        let moved = add_scaled(add_scaled(translation, first, once), second, twice);
+        Self::from_quaternion_xyzw([x, y, z, half.cos()], moved).unwrap_or_default()
+    }
+
+    /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less than half a circle.
+    #[must_use]
+    pub fn twist(&self) -> ([f64; 3], [f64; 3]) {
+        let [x, y, z, w] = self.quaternion_xyzw();
+        let sine = norm([x, y, z]);
+        let angle = 2.0 * sine.atan2(w);
+        let turn = scale(if sine < 1e-9 { 2.0 } else { angle / sine }, [x, y, z]);
+        let square = angle * angle;
+        let factor = if angle < 1e-4 {
+            1.0 / 12.0
+        } else {
+            (1.0 - 0.5 * angle * (0.5 * angle).cos() / (0.5 * angle).sin()) / square
+        };
+        let once = cross(turn, self.translation);
+        let twice = cross(turn, once);
+        (
+            turn,
+            add_scaled(add_scaled(self.translation, -0.5, once), factor, twice),
+        )
+    }
+
     /// The motion that undoes this one.
     #[must_use]
     pub fn inverse(&self) -> Self {
@@ -152,6 +202,23 @@ mod tests {
         let (both, stepwise) = (then.after(&first).apply(p), then.apply(first.apply(p)));
         assert!(both.iter().zip(stepwise).all(|(a, b)| (a - b).abs() < 1e-14));
         assert_eq!(Pose::identity().after(&first), first);
+    }
+
+    #[test]
+    fn a_twist_is_found_again_and_half_of_it_twice_is_the_whole() {
+        for (w, v) in [
+            ([0.3, -0.8, 1.1], [4.0, 0.5, -2.0]),
+            ([1e-6, 2e-6, 0.0], [1.0, -1.0, 3.0]),
+            ([0.0; 3], [0.5, 0.0, 0.1]),
+        ] {
+            let pose = Pose::from_twist(w, v);
+            let (turn, shift) = pose.twist();
+            let same = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-9);
+            assert!(same(turn, w) && same(shift, v), "{turn:?} {shift:?}");
+            let half = Pose::from_twist(w.map(|c| 0.5 * c), v.map(|c| 0.5 * c));
+            let p = [1.0, 2.0, -0.5];
+            assert!(same(half.after(&half).apply(p), pose.apply(p)));
+        }
     }
 
     #[test]

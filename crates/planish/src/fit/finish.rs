@@ -462,7 +462,10 @@ pub(super) fn warnings(
     }
     if observed < 0.5 {
         let completed = if invented > 0.0 {
-            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * invented)
+            format!(
+                ", {:.0} % was completed by what was measured elsewhere",
+                100.0 * invented
+            )
         } else {
             String::new()
         };

@@ -37,7 +37,14 @@ pub(super) fn completed(
     settled: &Settled,
     gate: f64,
 ) -> (Vec<InventedReading>, Vec<GapReport>) {
-    let information = weights(observations, &settled.subset, &settled.feet, &settled.noise, gate, false);
+    let information = weights(
+        observations,
+        &settled.subset,
+        &settled.feet,
+        &settled.noise,
+        gate,
+        false,
+    );
     let used: Vec<usize> = (0..settled.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.invented(settled.subset[k] as usize).is_none())
         .collect();
@@ -50,7 +57,12 @@ pub(super) fn completed(
             readings.extend(concluded(found, &gap, around.typical_variance));
         }
         let area = gap.iter().map(|p| p.area).sum();
-        reports.push(GapReport::of(found.as_ref(), area, around.readings, readings.len() - before));
+        reports.push(GapReport::of(
+            found.as_ref(),
+            area,
+            around.readings,
+            readings.len() - before,
+        ));
     }
     (readings, reports)
 }
@@ -138,8 +150,15 @@ fn surroundings(
             .filter(|(_, d)| **d <= nearest + ring * radius)
             .map(|(&k, _)| k)
             .collect();
-        let near: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
-        let points: Vec<[f64; 3]> = near.iter().map(|&k| observations.points[settled.subset[k] as usize]).collect();
+        let near: Vec<usize> = near
+            .iter()
+            .copied()
+            .step_by(near.len().div_ceil(ENOUGH_READINGS).max(1))
+            .collect();
+        let points: Vec<[f64; 3]> = near
+            .iter()
+            .map(|&k| observations.points[settled.subset[k] as usize])
+            .collect();
         let normals: Vec<[f64; 3]> = near.iter().map(|&k| settled.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();

@@ -18,14 +18,14 @@ pub use observations::{InventedReading, InventedVariance, ObservationOptions, Ob
 
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
-use crate::propagate::{self, PropagationReport, SymmetryChoice};
+use crate::propagate::{self, PropagationReport, RigidTracker, SymmetryChoice};
 use large::Parts;
-use stages::Settled;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
+use stages::Settled;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -45,6 +45,8 @@ pub struct FitOptions {
     pub max_coefficients: usize,
     /// The symmetry by which parts that nobody saw are completed.
     pub symmetry: Option<SymmetryChoice>,
+    /// Whether the thing moved as a rigid body while its scans were taken, at the times that they state.
+    pub rigid_motion: bool,
     /// Whether gaps are completed by the simple shape of what surrounds them.
     pub complete_smooth: bool,
     /// Readings farther from the surface than this many σ are outliers.
@@ -75,6 +77,7 @@ impl Default for FitOptions {
             ground: None,
             max_coefficients: 12_000,
             symmetry: None,
+            rigid_motion: false,
             complete_smooth: false,
             gate: 4.0,
             held_out_share: 0.1,
@@ -192,6 +195,9 @@ impl Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    if options.rigid_motion {
+        return fit_moving(set, options, progress);
+    }
     if let Some(cells) = options.known_parameters {
         return known::fit_known(set, cells, options, progress);
     }
@@ -231,7 +237,63 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     progress.check("normals", 0.02)?;
     let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), None, progress)?.translated(origin)
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        None,
+        Some(absorbed),
+        None,
+        progress,
+    )?
+    .translated(origin)
+}
+
+/// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion, and all of them then make the model, as the
+/// thing was when the first was taken.
+fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let order = propagate::scans_in_time(set)?;
+    let still = FitOptions {
+        rigid_motion: false,
+        ..options.clone()
+    };
+    let only = |k: usize| ScanSet {
+        scans: vec![set.scans[k].clone()],
+        inputs: Vec::new(),
+        ..set.clone()
+    };
+    let plain = FitOptions {
+        symmetry: None,
+        complete_smooth: false,
+        ..still.clone()
+    };
+    let first = fit(&only(order[0]), &plain, &Part::new(progress, 0.0, 0.3))?;
+    let mut tracker = RigidTracker::new(&first, set, &order)?;
+    for (k, &scan) in order.iter().enumerate().skip(1) {
+        progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
+        let readings = observe(
+            &only(scan),
+            &ObservationOptions {
+                held_out_share: 0.0,
+                ..observation_options(set, &plain)
+            },
+        )?;
+        tracker.follow(scan, &readings)?;
+    }
+    let mut moved = set.clone();
+    for posed in moved
+        .scans
+        .iter_mut()
+        .enumerate()
+        .filter_map(|(k, posed)| Some((tracker.pose(k)?, posed)))
+    {
+        let (world_from_thing, posed) = posed;
+        posed.scan.world_from_scanner = world_from_thing.inverse().after(&posed.scan.world_from_scanner);
+    }
+    let mut fitted = fit(&moved, &still, &Part::new(progress, 0.5, 1.0))?;
+    fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
+    Ok(fitted)
 }
 
 /// Completes the observations by what the options ask for, and settles a surface on all of them.

@@ -7,16 +7,20 @@
 //! | module | what |
 //! |---|---|
 //! | symmetry | copies of the readings by a rotation or a reflection |
+//! | motion | a rigid body that moves while it is scanned: pose and velocity |
 //! | gap | what surrounds a gap; `fit` finds the gaps of its surface |
 //!
 //! # References
 //! The paper on Kalman spline fusion, section 3.3.
 
 mod gap;
+mod motion;
 mod seen;
 mod symmetry;
 
 pub use gap::GapReport;
+pub use motion::{MotionPose, MotionReport};
+pub(crate) use motion::{RigidTracker, scans_in_time};
 pub(crate) use seen::Seen;
 pub use symmetry::{SymmetryChoice, SymmetryReport, complete_by_symmetry};
 
@@ -32,6 +36,9 @@ pub struct PropagationReport {
     /// The gaps that were looked at, the largest first, where that was asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gaps: Vec<GapReport>,
+    /// The motion of the thing, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionReport>,
     /// Readings that were concluded from others.
     pub pseudo_readings: usize,
     /// Share of the surface's area that is known through them alone.

@@ -253,7 +253,9 @@ fn angles(symmetry: &Symmetry, turns: usize, reading: usize) -> Vec<Option<f64>>
         Symmetry::Rotation { order: None, .. } => {
             // The golden ratio spreads the images of neighbours evenly over the angles.
             let phase = (reading as f64 * 0.618_033_988_749_894_9).fract();
-            (0..turns).map(|k| Some(TAU * (k as f64 + phase) / turns as f64)).collect()
+            (0..turns)
+                .map(|k| Some(TAU * (k as f64 + phase) / turns as f64))
+                .collect()
         }
     }
 }

@@ -146,6 +146,21 @@ pub struct ScanScene {
     pub sensors: Vec<SensorTruth>,
     /// For each scan, what each of its readings really saw.
     pub readings: Vec<Vec<TrueReading>>,
+    /// How the thing moved, where it did.
+    pub motion: Option<TrueMotion>,
+}
+
+/// The motion of a simulated thing: a constant turn about a fixed axis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrueMotion {
+    /// Degrees per second.
+    pub rate_deg_per_s: f64,
+    /// The unit direction of the axis.
+    pub axis: [f64; 3],
+    /// A point of it.
+    pub axis_point: [f64; 3],
+    /// When each scan was taken, in seconds; the truth is the thing at the first.
+    pub times_s: Vec<f64>,
 }
 
 /// One scan's file.
@@ -183,6 +198,9 @@ pub struct TruthSummary {
     /// The formula of the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<ClosedForm>,
+    /// How the thing moved, where it did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<TrueMotion>,
 }
 
 /// What [`write_scans_scene`] wrote.
@@ -231,6 +249,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         truth,
         sensors: Vec::new(),
         readings: Vec::new(),
+        motion: None,
     };
     let views = options.views + usize::from(options.old_scanner);
     let each = options.readings.div_ceil(views);
@@ -276,7 +295,14 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
 }
 
 impl ScanScene {
-    pub(super) fn add_sensor(&mut self, name: &str, kind: SensorKind, noise: Noise, misstatement: f64, outlier_share: f64) {
+    pub(super) fn add_sensor(
+        &mut self,
+        name: &str,
+        kind: SensorKind,
+        noise: Noise,
+        misstatement: f64,
+        outlier_share: f64,
+    ) {
         let (sigma_along, sigma_across) = match noise {
             Noise::Isotropic { sigma } => (sigma, sigma),
             Noise::Ray {
@@ -474,6 +500,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
             .map(chord)
             .reduce(|| 0.0, f64::max),
         surface: scene.truth.closed_form().cloned(),
+        motion: scene.motion.clone(),
     };
     let path = folder.join("truth.json");
     let mut text = serde_json::to_string_pretty(&truth)
@@ -532,6 +559,9 @@ fn job_text(set: &ScanSet) -> String {
             pose.translation,
             pose.quaternion_xyzw()
         );
+        if let Some(time) = posed.scan.time_s {
+            let _ = writeln!(text, "time = {time:?}");
+        }
         let _ = match posed.scan.viewing {
             Viewing::Unknown => Ok(()),
             Viewing::Direction(d) => writeln!(text, "direction = {d:?}"),

@@ -103,6 +103,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         truth,
         sensors: Vec::new(),
         readings: Vec::new(),
+        motion: None,
     };
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
     scene.add_scan(scan);
@@ -113,11 +114,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
 ///
 /// # Errors
 /// As [`vessel`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
-pub fn write_vessel_scene(
-    options: &VesselOptions,
-    folder: &Path,
-    progress: &dyn Progress,
-) -> Result<ScanSceneSummary> {
+pub fn write_vessel_scene(options: &VesselOptions, folder: &Path, progress: &dyn Progress) -> Result<ScanSceneSummary> {
     options.as_scans().sanity_check()?;
     make_folder(folder)?;
     progress.check("scanning", 0.0)?;

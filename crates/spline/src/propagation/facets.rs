@@ -145,12 +145,7 @@ fn fits(cut: &BTreeMap<[i64; 4], Vec<u32>>, total: usize) -> bool {
 
 impl Facet {
     /// A quadric by weighted least squares, and the median of its squared residuals over their variance; none for readings on a line or an edge.
-    fn fitted(
-        points: &[[f64; 3]],
-        normals: &[[f64; 3]],
-        variance: &[f64],
-        members: &[u32],
-    ) -> Option<(Self, f64)> {
+    fn fitted(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
         let count = members.len() as f64;
         let mean = |of: &[[f64; 3]]| {
             let sum = members.iter().fold([0.0; 3], |s, &i| add(s, of[i as usize]));
@@ -276,6 +271,9 @@ mod tests {
             .sum();
         let mean = squares / facets.all.len() as f64;
         // A mean of so many squares: within four of its standard errors, and the fourth order that a quadric leaves.
-        assert!(facets.all.len() > 100 && (mean - 1.0).abs() < 4.0 * (2.0 / facets.all.len() as f64).sqrt() + 0.1, "{mean}");
+        assert!(
+            facets.all.len() > 100 && (mean - 1.0).abs() < 4.0 * (2.0 / facets.all.len() as f64).sqrt() + 0.1,
+            "{mean}"
+        );
     }
 }

@@ -73,11 +73,7 @@ impl Symmetry {
         match (*self, map) {
             (Self::Rotation { direction: d, .. }, Map::Turn { sin, cos }) => {
                 // Rodrigues' formula.
-                add_scaled(
-                    add_scaled(scale(cos, v), sin, cross(d, v)),
-                    (1.0 - cos) * dot(d, v),
-                    d,
-                )
+                add_scaled(add_scaled(scale(cos, v), sin, cross(d, v)), (1.0 - cos) * dot(d, v), d)
             }
             (Self::Mirror { normal, .. }, _) => add_scaled(v, -2.0 * dot(normal, v), normal),
             (Self::Rotation { .. }, Map::Reflect) => v,
@@ -210,7 +206,11 @@ mod tests {
                 };
                 let h = 1e-5;
                 let difference = scale(0.5 / h, sub(step(h), step(-h)));
-                assert!(distance(difference, all[k]) < 1e-8, "parameter {k}: {difference:?} {:?}", all[k]);
+                assert!(
+                    distance(difference, all[k]) < 1e-8,
+                    "parameter {k}: {difference:?} {:?}",
+                    all[k]
+                );
             }
         }
     }

@@ -301,7 +301,11 @@ impl Classification {
             .sum();
         Prediction {
             point,
-            normal: if dot(away, facing) < 0.0 { scale(-1.0, away) } else { away },
+            normal: if dot(away, facing) < 0.0 {
+                scale(-1.0, away)
+            } else {
+                away
+            },
             variance: of_place + of_kind + self.doubt,
         }
     }
@@ -327,7 +331,11 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
     all.extend(algebraic_sphere(points, middle));
     let (of_normals, _) = symmetric_eigen(moments(normals, [0.0; 3]));
     let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
-    all.extend(directions.into_iter().filter_map(|d| algebraic_cylinder(points, middle, d)));
+    all.extend(
+        directions
+            .into_iter()
+            .filter_map(|d| algebraic_cylinder(points, middle, d)),
+    );
     all
 }
 
@@ -468,7 +476,11 @@ mod tests {
                     shape.moved(&by).distance(z).0
                 };
                 let h = 1e-6;
-                assert!(((step(h) - step(-h)) / (2.0 * h) - row[k]).abs() < 1e-8, "{} {k}", shape.name());
+                assert!(
+                    ((step(h) - step(-h)) / (2.0 * h) - row[k]).abs() < 1e-8,
+                    "{} {k}",
+                    shape.name()
+                );
             }
         }
     }

@@ -100,9 +100,8 @@ impl FittedSymmetry {
     pub fn image_variance(&self, angle: Option<f64>, point: [f64; 3], along: [f64; 3]) -> f64 {
         let map = angle.map_or(super::maps::Map::Reflect, super::maps::Map::turn);
         let derivatives = self.symmetry.derivatives(map, point);
-        let row = SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| {
-            planish_estimate::vector3::dot(along, derivatives[k])
-        });
+        let row =
+            SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| planish_estimate::vector3::dot(along, derivatives[k]));
         (row.transpose() * self.covariance * row)[(0, 0)].max(0.0)
     }
 
@@ -287,7 +286,10 @@ fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let compared = means.iter().filter(met).count();
     let agreeing = means.iter().filter(met).filter(|m| agrees(m)).count();
     let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
-    let obeys = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
+    let obeys = means
+        .iter()
+        .map(|m| if m.2 > 0.0 { agrees(m) } else { !ring })
+        .collect();
     let mut made = FittedSymmetry {
         symmetry,
         covariance,
@@ -300,8 +302,7 @@ fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let (shifts, tilts) = made.sigmas();
     let n = compared as f64;
     let enough = compared >= LEAST_COMPARED && n >= LEAST_COMPARED_SHARE * facets.all.len() as f64;
-    let more_than_chance =
-        made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
+    let more_than_chance = made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
     let placed = shifts.iter().all(|s| *s < MOST_SHIFT * facets.size);
     let mirror = matches!(symmetry, Symmetry::Mirror { .. });
     let turned = !mirror || tilts.iter().all(|t| *t < MOST_TILT);

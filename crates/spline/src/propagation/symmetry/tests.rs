@@ -108,16 +108,26 @@ fn what_is_proposed_is_there_and_a_freeform_has_none() {
 
     let three = |h: f64, a: f64| 1.5 + 0.1 * (h + 0.4).powi(2) + 0.2 * (3.0 * a + 0.8 * h).cos();
     let found = propose_symmetry(&cloud(2, std::f64::consts::PI, three)).unwrap();
-    assert!(matches!(found.symmetry, Symmetry::Rotation { order: Some(3), .. }), "{:?}", found.symmetry);
+    assert!(
+        matches!(found.symmetry, Symmetry::Rotation { order: Some(3), .. }),
+        "{:?}",
+        found.symmetry
+    );
     assert!(axis_errors(&found).iter().all(|e| e.abs() < 0.02));
 
     for seed in 3..6 {
         let s = seed as f64;
         let free = |h: f64, a: f64| {
-            1.4 + 0.25 * (a + s).cos() * (h + 0.3 * s).sin() + 0.15 * (2.0 * a - h + s).sin() + 0.1 * (3.0 * a + 2.0 * h).cos()
+            1.4 + 0.25 * (a + s).cos() * (h + 0.3 * s).sin()
+                + 0.15 * (2.0 * a - h + s).sin()
+                + 0.1 * (3.0 * a + 2.0 * h).cos()
         };
         let found = propose_symmetry(&cloud(seed, std::f64::consts::PI, free));
-        assert!(found.is_none(), "{:?}", found.map(|f| (f.symmetry, f.agreeing, f.compared)));
+        assert!(
+            found.is_none(),
+            "{:?}",
+            found.map(|f| (f.symmetry, f.agreeing, f.compared))
+        );
     }
 }
 
