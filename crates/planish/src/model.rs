@@ -2,7 +2,7 @@
 //!
 //! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
 
-use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
 use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -48,7 +48,7 @@ pub struct SigmaSummary {
 }
 
 /// The pose of a scan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PoseReport {
     /// The scan's name.
     pub scan: String,
@@ -60,6 +60,37 @@ pub struct PoseReport {
     pub sigma_translation: Option<f64>,
     /// σ of the rotation in degrees.
     pub sigma_rotation_deg: Option<f64>,
+    /// Where the pose was estimated with the surface: the covariance of its translation and of its rotation vector (radians, about the
+    /// world's axes).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Directions of translation and rotation vector that no reading determines, each as long as one σ of what was stated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub undetermined: Vec<[f64; 6]>,
+    /// How far the scan's readings were moved from where they were stated to be (root mean square), and by which angle they were turned, in degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<f64>,
+    /// See [`Self::moved`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turned_deg: Option<f64>,
+    /// What the sensor added to every reading of the scan, where that was estimated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bias: Option<f64>,
+    /// Its σ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_bias: Option<f64>,
+}
+
+/// What readings say of unknowns that whole scans share, poses and biases, beside the vertices.
+///
+/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan after scan. See
+/// [`planish_estimate::sparse::Bordered`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedInformation {
+    /// The coupling of vertices and unknowns, nodes × unknowns, row by row.
+    pub coupling: Vec<f64>,
+    /// The information about the unknowns, with what was stated of them.
+    pub corner: Vec<f64>,
 }
 
 /// What a part of a surface is known by.
@@ -132,6 +163,8 @@ pub struct SurfaceModel {
     /// Where the parameters of all readings were known: which coordinates were measured, the others being exact functions of the
     /// parameters. All coordinates of a vertex have the same information then, and are independent. None where readings were projected.
     pub measured_coordinates: Option<[bool; 3]>,
+    /// What the readings of whole scans err in together; none where every pose was exact.
+    pub shared: Option<SharedInformation>,
 }
 
 /// The posterior covariance of a model's shape, ready for questions.
@@ -141,12 +174,22 @@ pub struct SurfaceModel {
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
+    /// Whether what scans share counts as known.
+    given_shared: bool,
 }
 
 /// The covariance of a surface's vertices where they share a leaf.
 pub struct NodeCovariance {
     inverse: SelectedInverse,
     motion: Motion,
+    /// What shared unknowns add: `G Gᵀ`, node by node a row of `G`.
+    shared: Option<SharedRows>,
+}
+
+/// The rows of `G`.
+struct SharedRows {
+    bordered: Bordered,
+    rows: Vec<f64>,
 }
 
 /// How vertices may move.
@@ -165,6 +208,16 @@ pub struct LeafCovariance<'a> {
 }
 
 impl SurfaceModel {
+    /// Share of the area that is known so.
+    #[must_use]
+    pub fn area_fraction(&self, known: Observed) -> f64 {
+        let areas: Vec<f64> = (0..self.observed.len())
+            .map(|leaf| self.surface.leaf_area(leaf))
+            .collect();
+        let of_kind = areas.iter().zip(&self.observed).filter(|(_, o)| **o == known);
+        of_kind.map(|(a, _)| a).sum::<f64>() / areas.iter().sum::<f64>()
+    }
+
     /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
     ///
     /// # Errors
@@ -208,10 +261,31 @@ impl SurfaceModel {
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
         let factor = system.factorize_scalar(&total)?;
+        let shared = match &self.shared {
+            None => None,
+            Some(SharedInformation { coupling, corner }) => Some(Bordered::new(&factor, coupling, corner)?),
+        };
         Ok(NodeCovariance {
             inverse: SelectedInverse::new(&factor),
             motion: Motion::Along(directions),
+            shared: shared.map(|bordered| SharedRows {
+                rows: bordered.shared_rows(),
+                bordered,
+            }),
         })
+    }
+}
+
+impl SharedRows {
+    /// Adds what two nodes share, for each pair of some.
+    fn add_to(&self, covariance: &mut [f64], nodes: &[u32]) {
+        let width = self.bordered.shared();
+        let row = |node: u32| &self.rows[node as usize * width..][..width];
+        for (line, &a) in covariance.chunks_exact_mut(nodes.len()).zip(nodes) {
+            for (entry, &b) in line.iter_mut().zip(nodes) {
+                *entry += row(a).iter().zip(row(b)).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
     }
 }
 
@@ -221,7 +295,13 @@ impl NodeCovariance {
         Self {
             inverse,
             motion: Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 })),
+            shared: None,
         }
+    }
+
+    /// The equations of what scans share, the vertices left open.
+    pub(crate) fn shared(&self) -> Option<&Bordered> {
+        self.shared.as_ref().map(|shared| &shared.bordered)
     }
 
     /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
@@ -246,7 +326,20 @@ impl NodeCovariance {
 
 impl<'a> Posterior<'a> {
     pub(crate) fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance }
+        Self {
+            surface,
+            covariance,
+            given_shared: false,
+        }
+    }
+
+    /// The same as if poses and biases of all scans were known: what readings of these scans see.
+    pub(crate) fn given_shared(&self) -> Self {
+        Self {
+            surface: self.surface,
+            covariance: Arc::clone(&self.covariance),
+            given_shared: true,
+        }
     }
 
     /// The covariance of a leaf's nodes.
@@ -255,10 +348,17 @@ impl<'a> Posterior<'a> {
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let (nodes, weights) = self.surface.space().extraction(leaf);
-        let NodeCovariance { inverse, motion } = &*self.covariance;
-        let covariance = inverse
+        let NodeCovariance {
+            inverse,
+            motion,
+            shared,
+        } = &*self.covariance;
+        let mut covariance = inverse
             .dense(nodes)
             .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
+        if let Some(shared) = shared.as_ref().filter(|_| !self.given_shared) {
+            shared.add_to(&mut covariance, nodes);
+        }
         Ok(LeafCovariance {
             weights,
             motion: match motion {

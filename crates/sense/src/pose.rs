@@ -1,6 +1,6 @@
 //! Rigid motions that carry a scanner's frame into the world.
 
-use planish_estimate::vector3::{add_scaled, cross, norm, scale};
+use planish_estimate::vector3::{add_scaled, cross, norm};
 
 /// A rigid motion `p_world = R p_scanner + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,11 +30,11 @@ impl Pose {
     /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion of length zero or not finite.
     #[must_use]
     pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
-        let norm = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
-        if !norm.is_finite() || norm == 0.0 {
+        let length = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
+        if !length.is_finite() || length == 0.0 {
             return None;
         }
-        let [x, y, z, w] = quaternion.map(|c| c / norm);
+        let [x, y, z, w] = quaternion.map(|c| c / length);
         let rotation = [
             [
                 1.0 - 2.0 * (y * y + z * z),
@@ -53,6 +53,32 @@ impl Pose {
             ],
         ];
         Some(Self { rotation, translation })
+    }
+
+    /// The motion that turns by `|ω|` radians about the axis `ω` through the origin, then moves: `R = exp([ω]×)`.
+    #[must_use]
+    pub fn from_rotation_vector(omega: [f64; 3], translation: [f64; 3]) -> Self {
+        let half = 0.5 * norm(omega);
+        // sin(x)/x, to the last digit where its series has one term more than it needs.
+        let sinc = if half < 1e-4 {
+            1.0 - half * half / 6.0
+        } else {
+            half.sin() / half
+        };
+        let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
+        Self::from_quaternion_xyzw([x, y, z, half.cos()], translation).unwrap_or(Self {
+            translation,
+            ..Self::identity()
+        })
+    }
+
+    /// `ω` of the rotation: its axis times its angle in radians, at most π.
+    #[must_use]
+    pub fn rotation_vector(&self) -> [f64; 3] {
+        let [x, y, z, w] = self.quaternion_xyzw();
+        let sine = norm([x, y, z]);
+        let factor = if sine < 1e-8 { 2.0 } else { 2.0 * sine.atan2(w) / sine };
+        [x, y, z].map(|c| factor * c)
     }
 
     /// The unit quaternion `(x, y, z, w)` of the rotation, with `w ≥ 0`.
@@ -133,37 +159,28 @@ impl Pose {
     #[must_use]
     pub fn from_twist(rotation_rad: [f64; 3], translation: [f64; 3]) -> Self {
         let angle = norm(rotation_rad);
-        let half = 0.5 * angle;
-        // sin(θ/2)/θ, (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where θ² is lost beside one.
-        let (sinc, first, second) = if angle < 1e-4 {
-            (0.5 - angle * angle / 48.0, 0.5, 1.0 / 6.0)
+        // (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where θ² is lost beside one.
+        let (first, second) = if angle < 1e-4 {
+            (0.5, 1.0 / 6.0)
         } else {
             let square = angle * angle;
-            (
-                half.sin() / angle,
-                (1.0 - angle.cos()) / square,
-                (angle - angle.sin()) / (square * angle),
-            )
+            ((1.0 - angle.cos()) / square, (angle - angle.sin()) / (square * angle))
         };
-        let [x, y, z] = scale(sinc, rotation_rad);
         let once = cross(rotation_rad, translation);
         let twice = cross(rotation_rad, once);
         let moved = add_scaled(add_scaled(translation, first, once), second, twice);
-        Self::from_quaternion_xyzw([x, y, z, half.cos()], moved).unwrap_or_default()
+        Self::from_rotation_vector(rotation_rad, moved)
     }
 
     /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less than half a circle.
     #[must_use]
     pub fn twist(&self) -> ([f64; 3], [f64; 3]) {
-        let [x, y, z, w] = self.quaternion_xyzw();
-        let sine = norm([x, y, z]);
-        let angle = 2.0 * sine.atan2(w);
-        let turn = scale(if sine < 1e-9 { 2.0 } else { angle / sine }, [x, y, z]);
-        let square = angle * angle;
+        let turn = self.rotation_vector();
+        let angle = norm(turn);
         let factor = if angle < 1e-4 {
             1.0 / 12.0
         } else {
-            (1.0 - 0.5 * angle * (0.5 * angle).cos() / (0.5 * angle).sin()) / square
+            (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle)
         };
         let once = cross(turn, self.translation);
         let twice = cross(turn, once);
@@ -219,6 +236,30 @@ mod tests {
             let p = [1.0, 2.0, -0.5];
             assert!(same(half.after(&half).apply(p), pose.apply(p)));
         }
+    }
+
+    #[test]
+    fn rotation_vector_there_and_back_keeps_the_motion() {
+        for omega in [
+            [0.3, -1.2, 0.7],
+            [1e-9, 2e-9, -1e-9],
+            [0.0; 3],
+            [0.0, 3.1, 0.0],
+            [1e-5, 0.0, 0.0],
+        ] {
+            let pose = Pose::from_rotation_vector(omega, [1.0, 2.0, 3.0]);
+            let again = pose.rotation_vector();
+            assert!(
+                omega
+                    .iter()
+                    .zip(again)
+                    .all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))),
+                "{omega:?} {again:?}"
+            );
+        }
+        // A quarter turn about z carries x to y.
+        let quarter = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::FRAC_PI_2], [0.0; 3]);
+        assert!((quarter.rotate([1.0, 0.0, 0.0])[1] - 1.0).abs() < 1e-15);
     }
 
     #[test]

@@ -265,6 +265,7 @@ impl Solved {
             smoothness_weight: smoothing.found.weight / scale,
             observations: count,
             measured_coordinates: Some(measured),
+            shared: None,
             surface,
         };
         let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));

@@ -10,13 +10,14 @@ mod known;
 mod large;
 mod noise;
 mod observations;
+mod shared;
 mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
 pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
 
-use crate::model::{NodeCovariance, Posterior, SurfaceModel};
+use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use crate::propagate::{self, PropagationReport, RigidTracker, SymmetryChoice};
 use large::Parts;
@@ -25,6 +26,7 @@ use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
+use shared::SharedErrors;
 use stages::Settled;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -41,6 +43,8 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
+    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in any case.
+    pub align: bool,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// The symmetry by which parts that nobody saw are completed.
@@ -75,6 +79,7 @@ impl Default for FitOptions {
             known_parameters: None,
             tolerance: None,
             ground: None,
+            align: false,
             max_coefficients: 12_000,
             symmetry: None,
             rigid_motion: false,
@@ -215,10 +220,16 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let Some(parts) = dealt else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
+        observations.shared = SharedErrors::new(set, &observations, origin, options.align);
         progress.check("normals", 0.01)?;
         let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
-        return finish::finish(set, &observations, settled, options, None, None, propagation, progress)?
-            .translated(origin);
+        let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
+        let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
+        fitted.report.propagation = propagation.map(|found| PropagationReport {
+            invented_area_fraction,
+            ..found
+        });
+        return fitted.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
@@ -234,8 +245,9 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
     progress.check("normals", 0.02)?;
-    let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
+    let mut settled = stages::settle(&mut observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
     finish::finish(
         set,
@@ -244,7 +256,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         options,
         None,
         Some(absorbed),
-        None,
+        origin,
         progress,
     )?
     .translated(origin)
@@ -386,6 +398,17 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    let settled = finish::place(model, &observations, options, progress)?;
-    finish::finish(set, &observations, settled, options, Some(model), None, None, progress)?.translated(origin)
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
+    let settled = finish::place(model, &mut observations, options, progress)?;
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        Some(model),
+        None,
+        origin,
+        progress,
+    )?
+    .translated(origin)
 }

@@ -86,7 +86,11 @@ pub(super) struct Settled {
 }
 
 /// Finds the first shape and settles it.
-pub(super) fn settle(observations: &Observations, options: &FitOptions, progress: &dyn Progress) -> Result<Settled> {
+pub(super) fn settle(
+    observations: &mut Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
     let size = observations.len();
     let some: Vec<u32> = (0..size as u32)
         .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
@@ -204,7 +208,7 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
 
 /// Iterates and refines until residuals hold no more shape.
 pub(super) fn refine_to_noise(
-    observations: &Observations,
+    observations: &mut Observations,
     mut surface: Surface,
     subset: Vec<u32>,
     options: &FitOptions,
@@ -275,6 +279,7 @@ pub(super) fn refine_to_noise(
                 None,
                 &mut factor,
             )?;
+            observations.take_shared(&step.shared);
             surface = step.surface;
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
