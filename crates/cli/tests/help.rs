@@ -25,6 +25,8 @@ fn help_of_every_command() {
         ("simulate_scene", &["simulate", "scene", "--help"]),
         ("simulate_sphere", &["simulate", "sphere", "--help"]),
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
+        ("simulate_scene_vessel", &["simulate", "scene", "vessel", "--help"]),
+        ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
     }
@@ -47,6 +49,8 @@ fn examples_of_the_help_are_commands_that_parse() {
         "sense depth",
         "next",
         "simulate scene scans",
+        "simulate scene vessel",
+        "simulate scene turning",
         "simulate sphere",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();
