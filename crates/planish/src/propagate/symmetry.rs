@@ -137,7 +137,7 @@ fn borne_out(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
     let advice = "leave --symmetry out, try another, or let --symmetry auto look for one";
     let Some(found) = found else {
         return Err(Error::undetermined(format!(
-            "the readings place no {what}: no part of them meets the image of another; {advice}"
+            "the readings do not place {what}: no part of them meets the image of another; {advice}"
         )));
     };
     if found.supported {
