@@ -103,10 +103,7 @@ fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
             skipped.model_beyond_border,
             "points of the model lie beyond a border of the reference",
         ),
-        (
-            skipped.reference_not_observed,
-            of_reference,
-        ),
+        (skipped.reference_not_observed, of_reference),
         (
             skipped.reference_beyond_border,
             "points of the reference lie beyond a border of the model",

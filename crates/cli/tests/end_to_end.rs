@@ -255,11 +255,24 @@ fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
     let said = run(&["simulate", "scene", "vessel", "--readings", "8000", "--out", "v"]);
     assert!(said.stdout.contains("--symmetry rotation:full"), "{}", said.stdout);
     let found = run(&[
-        "fit", "v/job.toml", "--symmetry", "auto", "-o", "v.planish", "-o", "v.ply", "-o", "v.glb", "--json",
+        "fit",
+        "v/job.toml",
+        "--symmetry",
+        "auto",
+        "-o",
+        "v.planish",
+        "-o",
+        "v.ply",
+        "-o",
+        "v.glb",
+        "--json",
     ])
     .json();
     let symmetry = &found["propagation"]["symmetry"];
-    assert_eq!((&symmetry["kind"], &symmetry["proposed"]), (&"rotation".into(), &true.into()));
+    assert_eq!(
+        (&symmetry["kind"], &symmetry["proposed"]),
+        (&"rotation".into(), &true.into())
+    );
     let share = |value: &serde_json::Value| value.as_f64().expect("a number");
     assert!(share(&found["propagation"]["invented_area_fraction"]) > 0.4);
     let info = run(&["info", "v.planish", "--json"]).json();
@@ -274,9 +287,22 @@ fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
 fn a_turning_thing_is_followed() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
-    run(&["simulate", "scene", "turning", "--readings", "16000", "--views", "4", "--out", "t"]);
+    run(&[
+        "simulate",
+        "scene",
+        "turning",
+        "--readings",
+        "16000",
+        "--views",
+        "4",
+        "--out",
+        "t",
+    ]);
     let found = run(&["fit", "t/job.toml", "--motion", "rigid", "-o", "t.planish", "--json"]).json();
-    let rate = found["propagation"]["motion"]["rate_deg_per_s"].as_array().expect("two numbers").clone();
+    let rate = found["propagation"]["motion"]["rate_deg_per_s"]
+        .as_array()
+        .expect("two numbers")
+        .clone();
     let [rate, sigma] = [0, 1].map(|k: usize| rate[k].as_f64().expect("a number"));
     assert!((rate - 6.0).abs() < 4.0 * sigma && sigma < 0.3, "{rate} ± {sigma}");
 }
