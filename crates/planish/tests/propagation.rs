@@ -131,12 +131,15 @@ fn real_readings_overrule_a_symmetry() {
     assert!(seen == 1 && rms < 0.15, "{rms} from the pressed point");
 }
 
+/// A point and its normal.
+type Oriented = ([f64; 3], [f64; 3]);
+
 /// Positions over a grid of parameters with noise, a disc of the parameters left out.
 fn with_gap(
     seed: u64,
     sigma: f64,
     surface: impl Fn(f64, f64) -> ([f64; 3], [f64; 3]),
-) -> (Vec<[f64; 3]>, Vec<[f64; 3]>, Vec<([f64; 3], [f64; 3])>) {
+) -> (Vec<[f64; 3]>, Vec<[f64; 3]>, Vec<Oriented>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut points, mut normals, mut truth) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..9000 {
