@@ -2,8 +2,10 @@
 
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
+use planish::compare::ComparedPart;
 use planish::next::Length;
-use planish::{Shape, Unit};
+use planish::propagate::SymmetryChoice;
+use planish::{Shape, SymmetryKind, Unit};
 use std::path::PathBuf;
 
 /// More threads than this are a slip of the keyboard.
@@ -118,6 +120,41 @@ impl From<ShapeName> for Shape {
     }
 }
 
+/// How a thing moves.
+#[allow(missing_docs, reason = "as for `ShapeName`; `--motion` explains it")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MotionName {
+    Rigid,
+}
+
+/// How gaps are completed.
+#[allow(missing_docs, reason = "as for `ShapeName`; `--complete` explains it")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Completion {
+    Smooth,
+}
+
+/// A part of a model on the command line.
+#[allow(missing_docs, reason = "as for `ShapeName`; `--part` explains them")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PartName {
+    Measured,
+    Completed,
+    Known,
+    All,
+}
+
+impl From<PartName> for ComparedPart {
+    fn from(name: PartName) -> Self {
+        match name {
+            PartName::Measured => Self::Measured,
+            PartName::Completed => Self::Completed,
+            PartName::Known => Self::Known,
+            PartName::All => Self::All,
+        }
+    }
+}
+
 /// A topology of simulated things.
 #[allow(missing_docs, reason = "as for `ShapeName`")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -143,6 +180,7 @@ Examples:
   planish fit bun.conf --unit m -o bunny.step
   planish fit today.ply --update part.planish -o newer.planish
   planish fit tile.laz --ground -o ground.tif
+  planish fit vessel/job.toml --symmetry rotation:full -o whole.ply
 
 Scans are .ply, .pcd, .e57, .las, .laz, .obj, .stl, .glb, .npy, .npz, .xyz, .txt, .asc, .csv or .pts, and depth images .png or .tif with \
 the camera's calibration in a .toml of the same name; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
@@ -151,7 +189,7 @@ reported and replaced. All lengths are in the unit of the files.
 
 Outputs, by extension:
   .step .stp   the exact surface, for CAD programs
-  .ply .glb    a mesh; each vertex has its normal, σ along it, and whether it was measured
+  .ply .glb    a mesh; each vertex has its normal, σ along it, and whether it was measured (1), completed (2) or neither (0)
   .obj .stl    a mesh without σ
   .tif .tiff   heights and their σ on a grid, of a sheet over z (GeoTIFF)
   .planish     the model with its covariance, for `compare` and for `fit --update`";
@@ -207,6 +245,22 @@ pub struct FitArgs {
           help_heading = "Readings")]
     #[allow(clippy::option_option, reason = "clap's way of an option whose value is optional")]
     pub ground: Option<Option<f64>>,
+    /// Complete what nobody saw by a symmetry whose axis or plane is fitted to the readings: rotation:full (a surface of revolution), rotation:N,
+    /// mirror, or auto (the one that the readings bear out, if any). A coarse direction may follow, as rotation:full:z or mirror:0,1,0.2. Parts known
+    /// through it alone have `observed` = 2; measurements overrule
+    #[arg(long, value_name = "SYMMETRY", value_parser = symmetry, help_heading = "Completion",
+          conflicts_with_all = ["update", "known_uv"])]
+    pub symmetry: Option<SymmetryChoice>,
+
+    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds): rigid finds its poses and its velocity;
+    /// the model is the thing as the first scan met it
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion",
+          conflicts_with_all = ["update", "known_uv", "ground"])]
+    pub motion: Option<MotionName>,
+    /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with its uncertainty, and that of which it is
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion", conflicts_with_all = ["update", "known_uv"])]
+    pub complete: Option<Completion>,
+
     /// Find where the scans stand: every scan but the first may be off by a few percent of the thing's size and a few degrees. Poses whose σ a job
     /// states are part of the answer without this
     #[arg(long, help_heading = "Readings", conflicts_with = "known_uv")]
@@ -231,7 +285,7 @@ Examples:
   planish compare part.ply other-scan.xyz --unit mm
 
 Deviations are signed: positive where the model lies on the side that the reference's normal points to. Only what the \
-model counts as measured is compared, and nothing beyond an open border. Coverage is the share of the reference's points \
+model counts as measured is compared (see --part), and nothing beyond an open border. Coverage is the share of the reference's points \
 that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ is true.";
 
 /// Arguments of `planish compare`.
@@ -244,6 +298,10 @@ pub struct CompareArgs {
     /// A mesh, points, or scans as `planish fit` reads them
     #[arg(value_name = "REFERENCE", value_hint = ValueHint::FilePath)]
     pub reference: PathBuf,
+    /// Which part of the model is compared: what was measured, what `fit` completed by symmetry or smoothness, both, or all of
+    /// it
+    #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured)]
+    pub part: PartName,
     /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
@@ -560,6 +618,10 @@ pub enum Scene {
     Stereo(PictureArgs),
     /// Pictures of a thing under crossed stripes from the same views, for `sense grid`
     Grid(PictureArgs),
+    /// A vessel of revolution, 100 mm high, seen from one side only: what nobody saw follows from its symmetry
+    Vessel(VesselArgs),
+    /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
+    Turning(TurningArgs),
 }
 
 const PICTURE_EXAMPLES: &str = "\
@@ -623,6 +685,64 @@ pub enum Axis {
     X,
     Y,
     Z,
+}
+
+const VESSEL_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene vessel --readings 20000 --out vessel
+  planish fit vessel/job.toml --symmetry rotation:full -o vessel.planish
+  planish compare vessel.planish vessel/truth.ply --part completed
+
+The folder then holds job.toml (for `planish fit`), laser-1.ply, truth.ply (a mesh of the whole vessel, for `planish compare`) and truth.json.";
+
+/// Arguments of `planish simulate scene vessel`.
+#[derive(Debug, Args)]
+#[command(after_help = VESSEL_EXAMPLES)]
+pub struct VesselArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Readings, about
+    #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = whole, allow_negative_numbers = true)]
+    pub readings: usize,
+    /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub sigma: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const TURNING_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene turning --views 6 --rate 6 --out turning
+  planish fit turning/job.toml --motion rigid -o thing.planish
+  planish compare thing.planish turning/truth.ply
+
+The folder then holds job.toml (with the time of each scan), a .ply file for each, truth.ply (the thing as the first scan met it) and truth.json (axis and rate).";
+
+/// Arguments of `planish simulate scene turning`.
+#[derive(Debug, Args)]
+#[command(after_help = TURNING_EXAMPLES)]
+pub struct TurningArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Readings of all scans together, about
+    #[arg(long, value_name = "N", default_value_t = 60_000, value_parser = whole, allow_negative_numbers = true)]
+    pub readings: usize,
+    /// Scans, one a second
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = whole, allow_negative_numbers = true)]
+    pub views: usize,
+    /// Degrees by which the table turns in a second
+    #[arg(long, value_name = "DEG", default_value_t = 6.0, value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub sigma: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
 }
 
 const SCANS_EXAMPLES: &str = "\
@@ -735,6 +855,50 @@ fn length(text: &str) -> Result<Length, String> {
     };
     let value = positive(number.trim())?;
     Ok(Length { value, unit })
+}
+
+/// `auto`, `rotation:ORDER[:DIRECTION]` or `mirror[:DIRECTION]`; a direction is an axis or three numbers.
+fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
+    const NEEDED: &str = "needed auto, rotation:full, rotation:N (N from 2) or mirror, with a direction after it if you like \
+                          (rotation:full:z, mirror:0,1,0.2)";
+    let mut parts = text.split(':');
+    let kind = parts.next().unwrap_or_default();
+    let order = match kind {
+        "rotation" => Some(match parts.next().ok_or(NEEDED)? {
+            "full" => None,
+            number => match number.parse::<u32>() {
+                Ok(order) if (2..=1000).contains(&order) => Some(order),
+                _ => return Err(format!("{NEEDED}; found the order {number:?}")),
+            },
+        }),
+        _ => None,
+    };
+    let towards = parts.next().map(direction).transpose()?;
+    match (kind, order, parts.next()) {
+        ("rotation", Some(order), None) => Ok(SymmetryChoice::Of(SymmetryKind::Rotation { order, towards })),
+        ("mirror", None, None) => Ok(SymmetryChoice::Of(SymmetryKind::Mirror { towards })),
+        ("auto", None, None) if towards.is_none() => Ok(SymmetryChoice::Auto),
+        _ => Err(NEEDED.to_owned()),
+    }
+}
+
+/// `x`, `y`, `z`, or three numbers with commas.
+fn direction(text: &str) -> Result<[f64; 3], String> {
+    let needed = || format!("needed a direction: x, y, z or three numbers like 0,0.1,1; found {text:?}");
+    match text {
+        "x" => return Ok([1.0, 0.0, 0.0]),
+        "y" => return Ok([0.0, 1.0, 0.0]),
+        "z" => return Ok([0.0, 0.0, 1.0]),
+        _ => {}
+    }
+    let numbers: Vec<f64> =
+        (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
+    let all: [f64; 3] = numbers.try_into().map_err(|_| needed())?;
+    if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
+        Ok(all)
+    } else {
+        Err(needed())
+    }
 }
 
 /// Two opposite corners of a box.

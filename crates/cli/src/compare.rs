@@ -1,6 +1,6 @@
 //! `planish compare`.
 
-use crate::args::CompareArgs;
+use crate::args::{CompareArgs, PartName};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::compare::{CompareOptions, ComparisonReport, Deviations, compare_files};
@@ -23,6 +23,7 @@ pub fn run(args: &CompareArgs) -> u8 {
 
 fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let options = CompareOptions {
+        part: args.part.into(),
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
     };
@@ -86,16 +87,23 @@ fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
         None => "The model states no σ: its coverage cannot be told.".to_owned(),
     });
     let skipped = report.skipped;
+    let (of_model, of_reference) = match args.part {
+        PartName::Measured => (
+            "points of the model were never measured",
+            "points of the reference face a part of the model that was never measured",
+        ),
+        PartName::Completed | PartName::Known | PartName::All => (
+            "points of the model are of another part",
+            "points of the reference face another part of the model",
+        ),
+    };
     let causes = [
-        (skipped.model_not_observed, "points of the model were never measured"),
+        (skipped.model_not_observed, of_model),
         (
             skipped.model_beyond_border,
             "points of the model lie beyond a border of the reference",
         ),
-        (
-            skipped.reference_not_observed,
-            "points of the reference face a part of the model that was never measured",
-        ),
+        (skipped.reference_not_observed, of_reference),
         (
             skipped.reference_beyond_border,
             "points of the reference lie beyond a border of the model",

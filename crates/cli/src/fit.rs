@@ -1,13 +1,14 @@
 //! `planish fit`.
 
-use crate::args::FitArgs;
+use crate::args::{Completion, FitArgs, MotionName};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
-use planish::{Result, Unit};
+use planish::propagate::{GapReport, SymmetryChoice, SymmetryReport};
+use planish::{Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -43,6 +44,9 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 .ground
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             max_coefficients: args.max_coefficients,
+            symmetry: args.symmetry,
+            rigid_motion: args.motion == Some(MotionName::Rigid),
+            complete_smooth: args.complete == Some(Completion::Smooth),
             gate: args.gate,
             held_out_share: args.held_out,
             seed: args.common.seed,
@@ -93,6 +97,9 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
+    option("--motion", args.motion.map(|_| "rigid".to_owned()));
+    option("--complete", args.complete.map(|_| "smooth".to_owned()));
+    option("--symmetry", args.symmetry.as_ref().map(named));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
     option(
         "--max-coefficients",
@@ -167,6 +174,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
         ),
         ("ended", ending(fit).to_owned()),
     ]);
+    propagation(&mut lines, fit, *unit);
     set_aside(&mut lines, fit);
     sensors(&mut lines, fit, *unit);
     poses(&mut lines, fit, *unit);
@@ -187,6 +195,95 @@ fn ending(fit: &FitReport) -> &'static str {
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",
     }
+}
+
+/// A symmetry as the command line names it.
+fn named(choice: &SymmetryChoice) -> String {
+    let towards = |d: &Option<[f64; 3]>| d.map_or(String::new(), |[x, y, z]| format!(":{x},{y},{z}"));
+    match choice {
+        SymmetryChoice::Auto => "auto".to_owned(),
+        SymmetryChoice::Of(SymmetryKind::Mirror { towards: d }) => format!("mirror{}", towards(d)),
+        SymmetryChoice::Of(SymmetryKind::Rotation { order, towards: d }) => {
+            let order = order.map_or("full".to_owned(), |n| n.to_string());
+            format!("rotation:{order}{}", towards(d))
+        }
+    }
+}
+
+/// What was completed, and by what.
+fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    let Some(found) = &fit.propagation else { return };
+    lines.gap();
+    if let Some(symmetry) = &found.symmetry {
+        lines.line(symmetry_line(symmetry, unit));
+    }
+    if let Some(motion) = &found.motion {
+        let pair = |[value, sigma]: [f64; 2]| format!("{} ± {}", significant(value, 5), significant(sigma, 2));
+        lines.line(format!(
+            "Motion: turned by {}° a second, its middle moved by {} {unit} a second, over {}.",
+            pair(motion.rate_deg_per_s),
+            pair(motion.speed),
+            counted(motion.poses.len(), "scan")
+        ));
+        if found.symmetry.is_none() && found.gaps.is_empty() {
+            return;
+        }
+    }
+    for gap in found.gaps.iter().take(GAPS_SHOWN) {
+        lines.line(gap_line(gap, unit));
+    }
+    if found.gaps.len() > GAPS_SHOWN {
+        lines.line(format!("Gaps: {} more, see --json.", found.gaps.len() - GAPS_SHOWN));
+    }
+    lines.line(format!(
+        "Completed: {} of the area, by {} that were concluded from others.",
+        percent(found.invented_area_fraction),
+        counted(found.pseudo_readings, "reading")
+    ));
+}
+
+/// Gaps that are told one by one.
+const GAPS_SHOWN: usize = 6;
+
+fn gap_line(gap: &GapReport, unit: Unit) -> String {
+    let area = format!("Gap of {} {unit}²", significant(gap.area, 3));
+    let shape = match (gap.kind.as_str(), gap.radius) {
+        ("none", _) => return format!("{area}: what surrounds it is no plane, sphere or cylinder; left to the prior."),
+        (kind, Some([r, sigma])) => {
+            format!(
+                "a {kind} of radius {} ± {} {unit}",
+                significant(r, 4),
+                significant(sigma, 2)
+            )
+        }
+        (kind, None) => format!("a {kind}"),
+    };
+    format!(
+        "{area}: {shape}, by {} around it (reduced χ² {}, probability {}).",
+        counted(gap.readings, "reading"),
+        significant(gap.reduced_chi_square.unwrap_or(f64::NAN), 3),
+        significant(gap.probability.unwrap_or(f64::NAN), 2)
+    )
+}
+
+fn symmetry_line(found: &SymmetryReport, unit: Unit) -> String {
+    if !found.is_found() {
+        return "Symmetry: none that the readings bear out.".to_owned();
+    }
+    let what = match (found.kind.as_str(), found.order) {
+        ("mirror", _) => "a mirror plane".to_owned(),
+        (_, Some(order)) => format!("a rotation of order {order}"),
+        (_, None) => "a surface of revolution".to_owned(),
+    };
+    let proposed = if found.proposed { ", proposed" } else { "" };
+    let largest = |values: &[f64]| values.iter().fold(0.0, |a: f64, b| a.max(*b));
+    format!(
+        "Symmetry: {what}{proposed}; {} of {} pieces of the cloud agree; its place is known to {} {unit}, its direction to {}°.",
+        count(found.agreeing),
+        count(found.compared),
+        significant(largest(&found.sigma_point), 2),
+        significant(largest(&found.sigma_direction_deg), 2)
+    )
 }
 
 fn set_aside(lines: &mut Lines, fit: &FitReport) {

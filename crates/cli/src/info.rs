@@ -257,6 +257,13 @@ fn of_model(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
             format!("{} of the area", percent(model.observed_area_fraction)),
         ),
         (
+            "completed",
+            match model.invented_area_fraction {
+                0.0 => String::new(),
+                share => format!("{} of the area, by what was measured elsewhere", percent(share)),
+            },
+        ),
+        (
             "σ",
             format!(
                 "median {}, 95 % below {}, largest {}",

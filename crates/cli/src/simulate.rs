@@ -1,15 +1,17 @@
 //! `planish simulate`.
 
-use crate::args::{PictureArgs, ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs};
+use crate::args::{PictureArgs, ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, TurningArgs, VesselArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS, ScanSceneOptions,
-    ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, write_picture_scene, write_scans_scene, write_sphere,
+    ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions, VesselOptions, write_picture_scene,
+    write_scans_scene, write_sphere, write_turning_scene, write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::Path;
 
 /// The keys of `simulate` beside the common ones.
 #[derive(Serialize)]
@@ -32,6 +34,12 @@ pub fn run(args: &SimulateArgs) -> u8 {
             Scene::Grid(args) => report::run("simulate scene grid", &args.common, |progress| {
                 pictures(PictureScene::Grid, args, progress)
             }),
+            Scene::Turning(args) => report::run("simulate scene turning", &args.common, |progress| {
+                turning(args, progress)
+            }),
+            Scene::Vessel(args) => {
+                report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
+            }
         },
         Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
     }
@@ -204,9 +212,39 @@ fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         truth_triangles: args.truth_triangles,
     };
     let made = write_scans_scene(&options, &args.out, progress)?;
-    Ok(Summary {
-        text: text(args, &made, options.unit),
-        unit: Some(options.unit),
+    Ok(summary(&args.out, made, options.unit, ["", ""]))
+}
+
+fn vessel(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = VesselOptions {
+        seed: args.common.seed,
+        readings: args.readings,
+        sigma: args.sigma,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_vessel_scene(&options, &args.out, progress)?;
+    let how = [" --symmetry rotation:full", " --part completed"];
+    Ok(summary(&args.out, made, options.unit, how))
+}
+
+fn turning(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = TurningOptions {
+        seed: args.common.seed,
+        readings: args.readings,
+        views: args.views,
+        rate_deg_per_s: args.rate,
+        sigma: args.sigma,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_turning_scene(&options, &args.out, progress)?;
+    Ok(summary(&args.out, made, options.unit, [" --motion rigid", ""]))
+}
+
+/// `how` are the options of `fit` and of `compare` that suit the scene.
+fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, how: [&str; 2]) -> Summary<Body> {
+    Summary {
+        text: text(out, &made, unit, how),
+        unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files.clone(),
         warnings: Vec::new(),
@@ -217,10 +255,10 @@ fn scans(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             warnings: [],
             termination: "converged",
         },
-    })
+    }
 }
 
-fn text(args: &ScansArgs, made: &ScanSceneSummary, unit: Unit) -> String {
+fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
     let mut lines = Lines::default();
     lines.line(format!(
         "Simulated {} readings of a {}.",
@@ -274,16 +312,12 @@ fn text(args: &ScansArgs, made: &ScanSceneSummary, unit: Unit) -> String {
         &rows,
     );
     lines.gap();
-    let job = args.out.join("job.toml");
+    let job = out.join("job.toml");
+    lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), out.display()));
+    lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));
     lines.line(format!(
-        "Wrote {} files to {}. Next:",
-        made.files.len(),
-        args.out.display()
-    ));
-    lines.line(format!("  planish fit {} -o part.planish", job.display()));
-    lines.line(format!(
-        "  planish compare part.planish {}",
-        args.out.join("truth.ply").display()
+        "  planish compare part.planish {}{compare}",
+        out.join("truth.ply").display()
     ));
     lines.into_text()
 }

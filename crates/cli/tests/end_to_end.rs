@@ -247,3 +247,62 @@ fn a_reader_that_has_seen_enough_is_no_error() {
         (Some(0), "")
     );
 }
+
+#[test]
+fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |args: &[&str]| planish(folder.path(), args).ok();
+    let said = run(&["simulate", "scene", "vessel", "--readings", "8000", "--out", "v"]);
+    assert!(said.stdout.contains("--symmetry rotation:full"), "{}", said.stdout);
+    let found = run(&[
+        "fit",
+        "v/job.toml",
+        "--symmetry",
+        "auto",
+        "-o",
+        "v.planish",
+        "-o",
+        "v.ply",
+        "-o",
+        "v.glb",
+        "--json",
+    ])
+    .json();
+    let symmetry = &found["propagation"]["symmetry"];
+    assert_eq!(
+        (&symmetry["kind"], &symmetry["proposed"]),
+        (&"rotation".into(), &true.into())
+    );
+    let share = |value: &serde_json::Value| value.as_f64().expect("a number");
+    assert!(share(&found["propagation"]["invented_area_fraction"]) > 0.4);
+    let info = run(&["info", "v.planish", "--json"]).json();
+    assert!(share(&info["invented_area_fraction"]) > 0.4);
+    for model in ["v.planish", "v.ply", "v.glb"] {
+        let judged = run(&["compare", model, "v/truth.ply", "--part", "completed", "--json"]).json();
+        assert!(share(&judged["backward"]["rms"]) < 0.3, "{model}: {judged:#}");
+    }
+}
+
+#[test]
+fn a_turning_thing_is_followed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |args: &[&str]| planish(folder.path(), args).ok();
+    run(&[
+        "simulate",
+        "scene",
+        "turning",
+        "--readings",
+        "16000",
+        "--views",
+        "4",
+        "--out",
+        "t",
+    ]);
+    let found = run(&["fit", "t/job.toml", "--motion", "rigid", "-o", "t.planish", "--json"]).json();
+    let rate = found["propagation"]["motion"]["rate_deg_per_s"]
+        .as_array()
+        .expect("two numbers")
+        .clone();
+    let [rate, sigma] = [0, 1].map(|k: usize| rate[k].as_f64().expect("a number"));
+    assert!((rate - 6.0).abs() < 4.0 * sigma && sigma < 0.3, "{rate} ± {sigma}");
+}

@@ -28,6 +28,8 @@ fn help_of_every_command() {
         ("simulate_scene_scans", &["simulate", "scene", "scans", "--help"]),
         ("simulate_scene_stereo", &["simulate", "scene", "stereo", "--help"]),
         ("simulate_scene_grid", &["simulate", "scene", "grid", "--help"]),
+        ("simulate_scene_vessel", &["simulate", "scene", "vessel", "--help"]),
+        ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
     }
@@ -52,6 +54,8 @@ fn examples_of_the_help_are_commands_that_parse() {
         "next",
         "simulate scene scans",
         "simulate scene stereo",
+        "simulate scene vessel",
+        "simulate scene turning",
         "simulate sphere",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();

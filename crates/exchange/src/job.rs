@@ -18,6 +18,7 @@
 //! file = "top.ply"
 //! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
 //! viewpoint = [0, 0, 300]          # or direction = [0, 0, -1]: how the sensor looks, in the scanner's frame
+//! time = 12.5                      # seconds: when it was taken, of a thing that moves
 //! calibration = "camera.toml"      # of a depth image, whose `file` is PNG, TIFF or NPY
 //! ```
 //!
@@ -63,6 +64,8 @@ pub struct ScanEntry {
     pub sigma_rotation_deg: Option<f64>,
     /// How the sensor looks, where stated.
     pub viewing: Option<Viewing>,
+    /// When it was taken, in seconds, where stated.
+    pub time_s: Option<f64>,
     /// The calibration of the camera whose depth image the file is.
     pub calibration: Option<PathBuf>,
     /// The line of the job that begins the entry, from 1.
@@ -99,6 +102,7 @@ struct ScanTable {
     pose: Option<PoseTable>,
     viewpoint: Option<Spanned<[f64; 3]>>,
     direction: Option<Spanned<[f64; 3]>>,
+    time: Option<Spanned<f64>>,
     calibration: Option<String>,
 }
 
@@ -306,6 +310,12 @@ impl Text {
                 pose.and_then(|p| p.sigma_rotation_deg.as_ref()),
             )?,
             viewing,
+            time_s: match &table.time {
+                Some(time) if !time.get_ref().is_finite() => {
+                    return Err(self.wrong(time, format_args!("needed a time in seconds, found {}", time.get_ref())));
+                }
+                time => time.as_ref().map(|t| *t.get_ref()),
+            },
             calibration: table.calibration.as_ref().map(|name| folder.join(name)),
             line: self.line(table.file.span().start),
         })

@@ -82,6 +82,7 @@ struct Wanted {
     sigma_translation: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     viewing: Option<Viewing>,
+    time_s: Option<f64>,
     /// The calibration of a depth image, where a job names it.
     calibration: Option<PathBuf>,
     /// What the list and its line are called in messages.
@@ -272,6 +273,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
             sigma_translation: None,
             sigma_rotation_deg: None,
             viewing: None,
+            time_s: None,
             calibration: None,
             listed: None,
         };
@@ -300,6 +302,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                     sigma_translation: scan.sigma_translation,
                     sigma_rotation_deg: scan.sigma_rotation_deg,
                     viewing: scan.viewing,
+                    time_s: scan.time_s,
                     calibration: scan.calibration,
                     listed: at(scan.line),
                     ..plain(scan.path, sensors[scan.sensor])
@@ -377,6 +380,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
                 scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
             }
             scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
+            scan.time_s = wanted.time_s.or(scan.time_s);
             set.scans.push(PosedScan {
                 scan,
                 sensor: wanted.sensor,

@@ -12,7 +12,7 @@
 //! sample whose position and normal agree best, which keeps the two sides of a thin part apart.
 
 use crate::mesh_output::{affordable_tolerance, median_sigma};
-use crate::model::SurfaceModel;
+use crate::model::{Observed, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use crate::progress::Progress;
 use crate::saved;
@@ -49,7 +49,7 @@ pub struct ComparedMesh {
     /// σ along the normal.
     pub sigma: Option<Vec<f64>>,
     /// Whether each vertex was measured.
-    pub observed: Option<Vec<bool>>,
+    pub observed: Option<Vec<Observed>>,
     /// Unit of every length, where the file names it.
     pub unit: Option<Unit>,
 }
@@ -124,6 +124,41 @@ pub struct CompareOptions {
     pub unit: Option<Unit>,
     /// Chord error of the model's mesh, in the model's unit; half the median σ where none is given.
     pub mesh_tolerance: Option<f64>,
+    /// Which part of the model is compared.
+    pub part: ComparedPart,
+}
+
+/// A part of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ComparedPart {
+    /// What was measured.
+    #[default]
+    Measured,
+    /// What was completed by symmetry or smoothness.
+    Completed,
+    /// Both.
+    Known,
+    /// What only the prior knows, too.
+    All,
+}
+
+impl ComparedPart {
+    fn holds(self, observed: Observed) -> bool {
+        match self {
+            Self::Measured => observed.is_measured(),
+            Self::Completed => observed == Observed::Invented,
+            Self::Known => observed != Observed::PriorOnly,
+            Self::All => true,
+        }
+    }
+}
+
+/// What a number of a mesh's column `observed` says.
+fn observed_of(mark: f64) -> Observed {
+    [Observed::Measured, Observed::Invented]
+        .into_iter()
+        .find(|o| f64::from(o.mark()) == mark)
+        .unwrap_or_default()
 }
 
 impl Compared {
@@ -154,7 +189,7 @@ impl Compared {
                     sigma,
                     observed: file
                         .column("observed")
-                        .map(|column| column.iter().map(|&o| o == 1.0).collect()),
+                        .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),
                     unit: file.unit,
                     mesh: TriangleMesh::try_new(file.points, file.triangles)
                         .map_err(|e| e.in_context(path.display()))?,
@@ -356,8 +391,8 @@ pub fn compare(
     let reference = reference.scaled(of_reference.millimetres() / unit.millimetres());
     progress.check("backward", 0.0)?;
     let pairs = match model {
-        Compared::Surface(model) => surface_pairs(model, &reference, &mut report.skipped)?,
-        Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, &mut report.skipped)?,
+        Compared::Surface(model) => surface_pairs(model, &reference, options.part, &mut report.skipped)?,
+        Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, options.part, &mut report.skipped)?,
     };
     summarise_backward(&pairs, &reference, &mut report)?;
     progress.check("forward", 0.6)?;
@@ -366,7 +401,7 @@ pub fn compare(
             .warnings
             .push("the reference has no faces: nothing was measured from the model to it".to_owned());
     } else {
-        let vertices = observed_vertices(model, options.mesh_tolerance, &mut report.skipped)?;
+        let vertices = observed_vertices(model, options, &mut report.skipped)?;
         progress.check("forward", 0.7)?;
         let mesh = TriangleMesh::try_new(reference.points, reference.triangles)?;
         let feet = MeshSearch::try_new(&mesh)?.closest_all(&vertices);
@@ -463,7 +498,12 @@ fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut Compar
 }
 
 /// Exact foot points of the reference on a spline.
-fn surface_pairs(model: &SurfaceModel, reference: &Reference, skipped: &mut Skipped) -> Result<Vec<Pair>> {
+fn surface_pairs(
+    model: &SurfaceModel,
+    reference: &Reference,
+    part: ComparedPart,
+    skipped: &mut Skipped,
+) -> Result<Vec<Pair>> {
     let surface = &model.surface;
     let extent = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
     let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
@@ -487,7 +527,7 @@ fn surface_pairs(model: &SurfaceModel, reference: &Reference, skipped: &mut Skip
     for (k, foot) in feet.iter().enumerate() {
         if foot.at_border {
             skipped.reference_beyond_border += 1;
-        } else if !model.observed[foot.leaf as usize] {
+        } else if !part.holds(model.observed[foot.leaf as usize]) {
             skipped.reference_not_observed += 1;
         } else {
             points.push(k);
@@ -510,7 +550,12 @@ fn surface_pairs(model: &SurfaceModel, reference: &Reference, skipped: &mut Skip
 }
 
 /// Closest points of the reference on a mesh.
-fn mesh_pairs(model: &ComparedMesh, reference: &Reference, skipped: &mut Skipped) -> Result<Vec<Pair>> {
+fn mesh_pairs(
+    model: &ComparedMesh,
+    reference: &Reference,
+    part: ComparedPart,
+    skipped: &mut Skipped,
+) -> Result<Vec<Pair>> {
     let feet = MeshSearch::try_new(&model.mesh)?.closest_all(&reference.points);
     let mut pairs = Vec::with_capacity(feet.len());
     for (point, foot) in feet.into_iter().enumerate() {
@@ -519,7 +564,7 @@ fn mesh_pairs(model: &ComparedMesh, reference: &Reference, skipped: &mut Skipped
         let measured = model
             .observed
             .as_ref()
-            .is_none_or(|observed| corners.iter().all(|&v| observed[v as usize]));
+            .is_none_or(|observed| corners.iter().all(|&v| part.holds(observed[v as usize])));
         if foot.on_boundary {
             skipped.reference_beyond_border += 1;
         } else if !measured {
@@ -538,11 +583,11 @@ fn mesh_pairs(model: &ComparedMesh, reference: &Reference, skipped: &mut Skipped
     Ok(pairs)
 }
 
-/// The vertices of a model's mesh that were measured.
-fn observed_vertices(model: &Compared, tolerance: Option<f64>, skipped: &mut Skipped) -> Result<Vec<[f64; 3]>> {
-    let (positions, observed): (_, Vec<bool>) = match model {
+/// The vertices of a model's mesh that are of the part that is compared.
+fn observed_vertices(model: &Compared, options: &CompareOptions, skipped: &mut Skipped) -> Result<Vec<[f64; 3]>> {
+    let (positions, observed): (_, Vec<Observed>) = match model {
         Compared::Surface(model) => {
-            let tolerance = match tolerance {
+            let tolerance = match options.mesh_tolerance {
                 Some(tolerance) => tolerance,
                 None => {
                     let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;
@@ -558,7 +603,7 @@ fn observed_vertices(model: &Compared, tolerance: Option<f64>, skipped: &mut Ski
             (made.positions, observed)
         }
         Compared::Mesh(mesh) => {
-            let all = || vec![true; mesh.mesh.positions.len()];
+            let all = || vec![Observed::Measured; mesh.mesh.positions.len()];
             (mesh.mesh.positions.clone(), mesh.observed.clone().unwrap_or_else(all))
         }
     };
@@ -566,7 +611,7 @@ fn observed_vertices(model: &Compared, tolerance: Option<f64>, skipped: &mut Ski
     let kept: Vec<[f64; 3]> = positions
         .into_iter()
         .zip(&observed)
-        .filter(|(_, observed)| **observed)
+        .filter(|(_, observed)| options.part.holds(**observed))
         .map(|(p, _)| p)
         .collect();
     skipped.model_not_observed = all - kept.len();

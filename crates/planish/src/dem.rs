@@ -9,7 +9,7 @@
 //!
 //! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only as far as the fit knew it.
 
-use crate::model::{Posterior, SurfaceModel};
+use crate::model::{Observed, Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use planish_estimate::{Error, Result};
 use planish_exchange::GeoReference;
@@ -86,10 +86,12 @@ pub fn dem_from_model(
                         .and_then(|from| place_under(surface, [x, y], from))
                         .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
                     guess = place.as_ref().map(|p| p.parameters);
-                    place.filter(|p| model.observed[p.leaf as usize]).map(|p| Place {
-                        cell: row * columns + column,
-                        ..p
-                    })
+                    place
+                        .filter(|p| model.observed[p.leaf as usize].is_measured())
+                        .map(|p| Place {
+                            cell: row * columns + column,
+                            ..p
+                        })
                 })
                 .collect()
         })
@@ -233,9 +235,9 @@ impl AffineMap {
 }
 
 impl Extent {
-    fn of(surface: &Surface, observed: &[bool]) -> Result<Self> {
+    fn of(surface: &Surface, observed: &[Observed]) -> Result<Self> {
         let (mut low, mut high, mut area) = ([f64::MAX; 2], [f64::MIN; 2], 0.0);
-        for leaf in (0..observed.len()).filter(|&leaf| observed[leaf]) {
+        for leaf in (0..observed.len()).filter(|&leaf| observed[leaf].is_measured()) {
             for k in 0..9 {
                 let [s, t] = [k % 3, k / 3].map(|c| 0.5 * f64::from(c));
                 let p = surface.leaf_point(leaf, s, t);

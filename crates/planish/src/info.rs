@@ -7,7 +7,7 @@
 
 use crate::fit::SigmaSummary;
 use crate::mesh_output::sigma_summary;
-use crate::model::{PoseReport, SensorReport};
+use crate::model::{Observed, PoseReport, SensorReport};
 use crate::saved::{SavedModel, Session, load_with_provenance};
 use planish_estimate::{Error, Result};
 use planish_exchange::extension;
@@ -187,6 +187,8 @@ pub struct ModelInfo {
     pub area: f64,
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
+    /// Share of it that was completed by what was measured elsewhere.
+    pub invented_area_fraction: f64,
     /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]
     pub bounds: Option<BoxInfo>,
@@ -407,7 +409,11 @@ fn model(path: &Path) -> Result<FileInfo> {
     let measured: f64 = areas
         .iter()
         .zip(&model.observed)
-        .filter(|(_, o)| **o)
+        .filter(|(_, o)| o.is_measured())
+        .map(|(a, _)| a)
+        .sum();
+    let invented: f64 = (areas.iter().zip(&model.observed))
+        .filter(|(_, o)| **o == Observed::Invented)
         .map(|(a, _)| a)
         .sum();
     Ok(FileInfo {
@@ -422,6 +428,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             observations: model.observations,
             area,
             observed_area_fraction: measured / area,
+            invented_area_fraction: invented / area,
             bounds: bounds(&points_of_cells(surface)),
             sigma,
             smoothness_weight: model.smoothness_weight,

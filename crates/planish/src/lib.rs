@@ -15,6 +15,7 @@ pub mod next;
 pub mod output;
 mod point_sigmas;
 pub mod progress;
+pub mod propagate;
 pub mod saved;
 pub mod sense;
 pub mod simulate;
@@ -25,4 +26,4 @@ pub use planish_estimate::{Error, ErrorKind, Result};
 pub use planish_exchange::Unit;
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};
-pub use planish_spline::Shape;
+pub use planish_spline::{Shape, SymmetryKind};

@@ -1,7 +1,8 @@
 //! Triangle meshes of a model whose every vertex says how well it is known.
 //!
 //! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ.
-//! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured and 0 where only the prior speaks.
+//! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured, 2 where they were completed by what was
+//! measured elsewhere, and 0 where only the prior speaks.
 //! The same bytes at any number of threads.
 //!
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the mesh does not cross itself
@@ -105,7 +106,7 @@ fn mesh_of_size(
     let observed = made
         .leaf
         .iter()
-        .map(|&leaf| u8::from(model.observed[leaf as usize]))
+        .map(|&leaf| model.observed[leaf as usize].mark())
         .collect();
     Ok(ModelMesh {
         mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
@@ -195,7 +196,7 @@ mod tests {
             let alone =
                 Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), made.local[vertex], made.normals[vertex]);
             assert_eq!(mesh.sigma[vertex].to_bits(), alone.to_bits(), "vertex {vertex}");
-            assert_eq!(mesh.observed[vertex] == 1, model.observed[leaf]);
+            assert_eq!(mesh.observed[vertex], model.observed[leaf].mark());
         }
         assert!(mesh.sigma.iter().all(|&s| s > 0.0));
     }

@@ -93,6 +93,50 @@ pub struct SharedInformation {
     pub corner: Vec<f64>,
 }
 
+/// What a part of a surface is known by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Observed {
+    /// The smoothness prior alone.
+    #[default]
+    PriorOnly,
+    /// Measurements: an ungated foot point within one knot span.
+    Measured,
+    /// What was concluded from measurements elsewhere: a symmetry, a simple shape, an earlier state. Invented, however likely.
+    Invented,
+}
+
+impl Observed {
+    /// Whether it was measured.
+    #[must_use]
+    pub fn is_measured(self) -> bool {
+        self == Self::Measured
+    }
+
+    /// The number that stands for it in files.
+    #[must_use]
+    pub fn mark(self) -> u8 {
+        match self {
+            Self::PriorOnly => 0,
+            Self::Measured => 1,
+            Self::Invented => 2,
+        }
+    }
+
+    /// What a number in a file stands for.
+    #[must_use]
+    pub fn from_mark(mark: u8) -> Option<Self> {
+        [Self::PriorOnly, Self::Measured, Self::Invented]
+            .into_iter()
+            .find(|o| o.mark() == mark)
+    }
+
+    /// Of marks of measured parts.
+    #[must_use]
+    pub fn of_measured(measured: bool) -> Self {
+        if measured { Self::Measured } else { Self::PriorOnly }
+    }
+}
+
 /// A surface and the information about its control vertices.
 ///
 /// Blocks of three, one for each node of `surface.space()`; linearised at `surface`.
@@ -106,8 +150,8 @@ pub struct SurfaceModel {
     pub prior: BlockInformation,
     /// Information of the measurements.
     pub data: BlockInformation,
-    /// For each leaf, whether it was measured: an ungated foot point within one knot span.
-    pub observed: Vec<bool>,
+    /// For each leaf, what it is known by.
+    pub observed: Vec<Observed>,
     /// Sensors that went in.
     pub sensors: Vec<SensorReport>,
     /// Poses that went in.
@@ -164,6 +208,16 @@ pub struct LeafCovariance<'a> {
 }
 
 impl SurfaceModel {
+    /// Share of the area that is known so.
+    #[must_use]
+    pub fn area_fraction(&self, known: Observed) -> f64 {
+        let areas: Vec<f64> = (0..self.observed.len())
+            .map(|leaf| self.surface.leaf_area(leaf))
+            .collect();
+        let of_kind = areas.iter().zip(&self.observed).filter(|(_, o)| **o == known);
+        of_kind.map(|(a, _)| a).sum::<f64>() / areas.iter().sum::<f64>()
+    }
+
     /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
     ///
     /// # Errors
@@ -334,17 +388,17 @@ impl<'a> Posterior<'a> {
         self.surface
     }
 
-    /// σ along the normal at the middle of every leaf that counts as observed (of every leaf where none does), by area.
+    /// σ along the normal at the middle of every leaf that was measured (of every leaf where none was), by area.
     ///
     /// # Errors
     /// `Undetermined` when the surface has no area there.
-    pub fn sigma_summary(&self, observed: &[bool]) -> Result<SigmaSummary> {
-        let any = observed.contains(&true);
+    pub fn sigma_summary(&self, observed: &[Observed]) -> Result<SigmaSummary> {
+        let any = observed.contains(&Observed::Measured);
         let surface = self.surface();
         let mut by_area: Vec<(f64, f64)> = (0..observed.len())
             .into_par_iter()
             .with_min_len(64)
-            .filter(|&leaf| observed[leaf] || !any)
+            .filter(|&leaf| observed[leaf].is_measured() || !any)
             .map(|leaf| {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
                 let sigma = Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));

@@ -370,7 +370,7 @@ fn only_coordinate(measured: [bool; 3]) -> Result<[f64; 3]> {
 /// The leaves whose middles count.
 fn region_leaves(model: &SurfaceModel, options: &NextOptions) -> Vec<usize> {
     (0..model.surface.space().leaves().len())
-        .filter(|&leaf| !options.measured_only || model.observed.get(leaf).copied().unwrap_or(false))
+        .filter(|&leaf| !options.measured_only || model.observed.get(leaf).is_some_and(|o| o.is_measured()))
         .filter(|&leaf| {
             let p = model.surface.leaf_point(leaf, 0.5, 0.5);
             (options.region).is_none_or(|[low, high]| (0..3).all(|d| (low[d]..=high[d]).contains(&p[d])))

@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
-//! | `observed` | L, u8 | 1 where the leaf was measured |
+//! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was invented by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
@@ -21,7 +21,7 @@
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
 
-use crate::model::{PoseReport, SensorReport, SharedInformation, SurfaceModel};
+use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -206,7 +206,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             "observed",
             tensor(
                 &[leaves.len()],
-                TensorData::U8(model.observed.iter().map(|&o| u8::from(o)).collect()),
+                TensorData::U8(model.observed.iter().map(|o| o.mark()).collect()),
             ),
         ),
         (
@@ -416,15 +416,15 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     }
     let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
     let marks = tensors.u8("observed")?;
-    if marks.len() != order.len() || marks.iter().any(|&m| m > 1) {
+    if marks.len() != order.len() || marks.iter().any(|&m| Observed::from_mark(m).is_none()) {
         return Err(Error::input(format!(
-            "tensor `observed`: needed 0 or 1 for each of {} cells",
+            "tensor `observed`: needed 0, 1 or 2 for each of {} cells",
             order.len()
         )));
     }
-    let mut observed = vec![false; order.len()];
+    let mut observed = vec![Observed::default(); order.len()];
     for (&leaf, &mark) in order.iter().zip(&marks) {
-        observed[leaf] = mark == 1;
+        observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;

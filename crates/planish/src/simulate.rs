@@ -13,6 +13,8 @@
 //! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
+//! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
 //! ```
 //! use planish::simulate::{ScanSceneOptions, scans};
@@ -33,6 +35,8 @@ mod scans;
 mod second_order;
 mod sphere;
 mod truth;
+mod turning;
+mod vessel;
 mod virtual_sensor;
 
 #[cfg(test)]
@@ -44,9 +48,11 @@ pub use pictures::{
 };
 pub use render::{Exposure, Light, Target, Texture};
 pub use scans::{
-    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TruthSummary, scans, write_scan_scene,
-    write_scans_scene,
+    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
+    write_scan_scene, write_scans_scene,
 };
 pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
+pub use turning::{TurningOptions, turning, write_turning_scene};
+pub use vessel::{VesselOptions, vessel, write_vessel_scene};
 pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

@@ -1,6 +1,6 @@
 //! Small models for tests.
 
-use crate::model::{PoseReport, SensorReport, SharedInformation, SurfaceModel};
+use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 
@@ -52,7 +52,7 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
         surface,
         prior,
         data,
-        observed,
+        observed: observed.into_iter().map(Observed::of_measured).collect(),
         sensors: vec![SensorReport {
             quantity: "position".to_owned(),
             name: "laser".to_owned(),

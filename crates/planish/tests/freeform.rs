@@ -60,7 +60,7 @@ fn judge(scene: &ScanScene, fit: &Fit, count: usize) -> Vec<Judged> {
             let start = search.nearest(point.position, point.normal);
             let foot = surface.project(point.position, start, &ProjectionOptions::default());
             let leaf = foot.leaf as usize;
-            if foot.at_border || !fit.model.observed[leaf] {
+            if foot.at_border || !fit.model.observed[leaf].is_measured() {
                 return None;
             }
             let cell = posterior.leaf(leaf).unwrap();

@@ -34,7 +34,7 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
         .filter_map(|point| {
             let start = search.nearest(point.position, point.normal);
             let foot = surface.project(point.position, start, &ProjectionOptions::default());
-            (!foot.at_border && fit.model.observed[foot.leaf as usize]).then_some(foot.height)
+            (!foot.at_border && fit.model.observed[foot.leaf as usize].is_measured()).then_some(foot.height)
         })
         .collect();
     (heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64).sqrt()

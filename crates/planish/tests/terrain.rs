@@ -66,7 +66,7 @@ fn heights_off(fit: &Fit, truth: impl Iterator<Item = [f64; 3]>) -> Vec<f64> {
     truth
         .filter_map(|p| {
             let foot = surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
-            let inside = fit.model.observed[foot.leaf as usize] && !foot.at_border;
+            let inside = fit.model.observed[foot.leaf as usize].is_measured() && !foot.at_border;
             inside.then_some(foot.height)
         })
         .collect()

@@ -1,6 +1,6 @@
 //! Rigid motions that carry a scanner's frame into the world.
 
-use planish_estimate::vector3::norm;
+use planish_estimate::vector3::{add_scaled, cross, norm};
 
 /// A rigid motion `p_world = R p_scanner + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -151,6 +151,45 @@ impl Pose {
         }
     }
 
+    /// The motion of a constant twist after unit time, `exp`: turning by the vector `rotation_rad` while the origin's velocity, in the turning frame, is
+    /// `translation`.
+    ///
+    /// # References
+    /// Murray, Li & Sastry, *A mathematical introduction to robotic manipulation*, 1994, eq. 2.36.
+    #[must_use]
+    pub fn from_twist(rotation_rad: [f64; 3], translation: [f64; 3]) -> Self {
+        let angle = norm(rotation_rad);
+        // (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where θ² is lost beside one.
+        let (first, second) = if angle < 1e-4 {
+            (0.5, 1.0 / 6.0)
+        } else {
+            let square = angle * angle;
+            ((1.0 - angle.cos()) / square, (angle - angle.sin()) / (square * angle))
+        };
+        let once = cross(rotation_rad, translation);
+        let twice = cross(rotation_rad, once);
+        let moved = add_scaled(add_scaled(translation, first, once), second, twice);
+        Self::from_rotation_vector(rotation_rad, moved)
+    }
+
+    /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less than half a circle.
+    #[must_use]
+    pub fn twist(&self) -> ([f64; 3], [f64; 3]) {
+        let turn = self.rotation_vector();
+        let angle = norm(turn);
+        let factor = if angle < 1e-4 {
+            1.0 / 12.0
+        } else {
+            (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle)
+        };
+        let once = cross(turn, self.translation);
+        let twice = cross(turn, once);
+        (
+            turn,
+            add_scaled(add_scaled(self.translation, -0.5, once), factor, twice),
+        )
+    }
+
     /// The motion that undoes this one.
     #[must_use]
     pub fn inverse(&self) -> Self {
@@ -180,6 +219,23 @@ mod tests {
         let (both, stepwise) = (then.after(&first).apply(p), then.apply(first.apply(p)));
         assert!(both.iter().zip(stepwise).all(|(a, b)| (a - b).abs() < 1e-14));
         assert_eq!(Pose::identity().after(&first), first);
+    }
+
+    #[test]
+    fn a_twist_is_found_again_and_half_of_it_twice_is_the_whole() {
+        for (w, v) in [
+            ([0.3, -0.8, 1.1], [4.0, 0.5, -2.0]),
+            ([1e-6, 2e-6, 0.0], [1.0, -1.0, 3.0]),
+            ([0.0; 3], [0.5, 0.0, 0.1]),
+        ] {
+            let pose = Pose::from_twist(w, v);
+            let (turn, shift) = pose.twist();
+            let same = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-9);
+            assert!(same(turn, w) && same(shift, v), "{turn:?} {shift:?}");
+            let half = Pose::from_twist(w.map(|c| 0.5 * c), v.map(|c| 0.5 * c));
+            let p = [1.0, 2.0, -0.5];
+            assert!(same(half.after(&half).apply(p), pose.apply(p)));
+        }
     }
 
     #[test]

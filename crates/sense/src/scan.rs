@@ -77,6 +77,8 @@ pub struct Scan {
     pub viewing: Viewing,
     /// Carries the scanner's frame into the world.
     pub world_from_scanner: Pose,
+    /// When it was taken, in seconds, where a job says so.
+    pub time_s: Option<f64>,
     /// How many records of the file were dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,
 }

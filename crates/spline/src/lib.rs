@@ -15,6 +15,7 @@ mod geometry;
 mod hierarchy;
 mod moments;
 mod patch_filter;
+mod propagation;
 mod refinement;
 mod surface;
 mod system;
@@ -37,6 +38,10 @@ pub use patch_filter::{
     SurfaceReading, VertexSharing, parameter_plane,
 };
 pub use planish_estimate::{Error, Result};
+pub use propagation::{
+    Classification, Facet, Facets, FittedPrimitive, FittedSymmetry, Prediction, Primitive, Symmetry, SymmetryKind,
+    classify, fit_symmetry, propose_symmetry,
+};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;

@@ -7,9 +7,9 @@ use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_s
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
-use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
+use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
-use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
+use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
@@ -110,30 +110,42 @@ pub(super) fn finish(
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
-    let mut observed = observed_leaves(surface, &feet, &information);
-    if let Some(model) = earlier {
-        for (now, before) in observed.iter_mut().zip(&model.observed) {
-            *now |= before;
-        }
-    }
+    let taken = |k: usize| observations.invented(subset[k] as usize).is_none();
+    let own = leaves_with_feet(surface, &feet, &information, taken);
+    let mut measured = with_neighbours(surface.space(), &own);
     if let Some(absorbed) = &absorbed {
-        for (now, other) in observed.iter_mut().zip(&absorbed.observed) {
+        for (now, other) in measured.iter_mut().zip(&absorbed.observed) {
             *now |= other;
         }
     }
+    let concluded = leaves_with_feet(surface, &feet, &information, |k| !taken(k));
+    let invented = with_neighbours(surface.space(), &concluded);
+    let before = |leaf: usize| earlier.map_or(Observed::PriorOnly, |model| model.observed[leaf]);
+    let observed: Vec<Observed> = (0..measured.len())
+        .map(|leaf| match before(leaf) {
+            // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured, even if its neighbour was.
+            before if concluded[leaf] && !own[leaf] && !before.is_measured() => Observed::Invented,
+            _ if measured[leaf] => Observed::Measured,
+            Observed::PriorOnly if invented[leaf] => Observed::Invented,
+            before => before,
+        })
+        .collect();
     let mut rejected: std::collections::BTreeMap<String, usize> = observations
         .rejected
         .iter()
         .map(|(cause, n)| (cause.name().to_owned(), *n))
         .collect();
-    for cause in feet.iter().zip(&information).filter_map(|(foot, &w)| foot.rejection(w)) {
+    let causes = (feet.iter().zip(&information).enumerate())
+        .filter(|(k, _)| taken(*k))
+        .filter_map(|(_, (foot, &w))| foot.rejection(w));
+    for cause in causes {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
     }
     for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
     let held_out = judge(&seen, observations, &noise, &mut at, options.gate)?;
-    if !observed.contains(&true) {
+    if !observed.contains(&Observed::Measured) {
         return Err(Error::undetermined(
             "no part of the surface was measured: every reading was gated",
         ));
@@ -141,12 +153,19 @@ pub(super) fn finish(
     let sigma = posterior.sigma_summary(&observed)?;
     let areas = leaf_areas(surface);
     let total_area: f64 = areas.iter().sum();
-    let observed_area: f64 = areas.iter().zip(&observed).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+    let area_of = |what: Observed| -> f64 {
+        let of_kind = areas.iter().zip(&observed).filter(|(_, o)| **o == what);
+        of_kind.map(|(a, _)| a).sum()
+    };
+    let observed_area = area_of(Observed::Measured);
+    let invented_fraction = area_of(Observed::Invented) / total_area;
 
     let used: Vec<(&Foot, f64)> = feet
         .iter()
         .zip(information.iter().copied())
-        .filter(|(_, w)| *w > 0.0)
+        .enumerate()
+        .filter(|(k, (_, w))| *w > 0.0 && taken(*k))
+        .map(|(_, used)| used)
         .collect();
     let others = absorbed.as_ref().map_or(&[][..], |absorbed| &absorbed.used);
     let count = used.len() + others.iter().map(|o| o.count).sum::<usize>();
@@ -161,7 +180,8 @@ pub(super) fn finish(
     let rows = (own_rows + other_rows).max(1) as f64;
     let kept = kept_variance(options.gate)?;
     // All that the readings determine: the share of those at hand, and of the others in proportion.
-    let determined = degrees.iter().sum::<f64>() * rows / own_rows.max(1) as f64;
+    let of_readings = (degrees.iter().zip(&observations.channels)).filter(|(_, channel)| !channel.invented);
+    let determined = of_readings.map(|(d, _)| d).sum::<f64>() * rows / own_rows.max(1) as f64;
     let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information, others);
     let positions = sensors
         .iter()
@@ -173,7 +193,13 @@ pub(super) fn finish(
         )
     });
     let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
-    let mut warnings = warnings(&sensors, observed_area / total_area, &rejected, total);
+    let mut warnings = warnings(
+        &sensors,
+        observed_area / total_area,
+        invented_fraction,
+        &rejected,
+        total,
+    );
     if sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
         warnings.push(
             "σ of the surface is less than all readings together could make it: the surface is folded, and none of its figures holds; \
@@ -217,6 +243,7 @@ pub(super) fn finish(
         sigma,
         observed_area_fraction: observed_area / total_area,
         smoothness_weight: weight,
+        propagation: None,
         held_out,
         termination: if reached_limit {
             FitTermination::Limit
@@ -406,7 +433,7 @@ fn sensor_reports(
     others: &[ResidualSums],
 ) -> Vec<SensorReport> {
     (observations.channels.iter().enumerate())
-        .filter(|(c, _)| observations.channel_of_scan.contains(c))
+        .filter(|(c, channel)| !channel.invented && observations.channel_of_scan.contains(c))
         .map(|(c, channel)| {
             let (mut count, mut square, mut stated) =
                 others.get(c).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
@@ -465,6 +492,7 @@ const IMPOSSIBLE: f64 = 0.3;
 pub(super) fn warnings(
     sensors: &[SensorReport],
     observed: f64,
+    invented: f64,
     rejected: &std::collections::BTreeMap<String, usize>,
     total: usize,
 ) -> Vec<String> {
@@ -478,8 +506,16 @@ pub(super) fn warnings(
         }
     }
     if observed < 0.5 {
+        let completed = if invented > 0.0 {
+            format!(
+                ", {:.0} % was completed by what was measured elsewhere",
+                100.0 * invented
+            )
+        } else {
+            String::new()
+        };
         warnings.push(format!(
-            "only {:.0} % of the surface was measured: the rest is the smoothness prior's guess",
+            "only {:.0} % of the surface was measured{completed}: the rest is the smoothness prior's guess",
             100.0 * observed
         ));
     }

@@ -16,7 +16,7 @@ use super::observations::{Quantity, Rejection};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::stages::with_neighbours;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
-use crate::model::{NodeCovariance, Posterior, SensorReport, SurfaceModel};
+use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
@@ -259,7 +259,7 @@ impl Solved {
             unit: set.unit.unwrap_or(Unit::Millimetre),
             prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured, [0.0; 3])?,
             data: over_coordinates(&total.information, 1.0 / scale, measured, total.sums.origin())?,
-            observed,
+            observed: observed.into_iter().map(Observed::of_measured).collect(),
             sensors: sensors.clone(),
             poses: pose_reports(set),
             smoothness_weight: smoothing.found.weight / scale,
@@ -281,7 +281,7 @@ impl Solved {
         let observed_area: f64 = areas
             .iter()
             .zip(&model.observed)
-            .filter(|(_, o)| **o)
+            .filter(|(_, o)| o.is_measured())
             .map(|(a, _)| a)
             .sum();
         let square: f64 = residuals.iter().map(|r| r.square).sum();
@@ -300,7 +300,7 @@ impl Solved {
             .map(|(cause, n)| (cause.name().to_owned(), n))
             .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
-        let mut warnings = warnings(&sensors, observed_share, &rejected, readings.total + not_finite);
+        let mut warnings = warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
         let uncertain = |posed: &PosedScan| posed.sigma_translation.is_some() || posed.sigma_rotation_deg.is_some();
         if set.scans.iter().any(uncertain) {
             warnings.push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
@@ -328,6 +328,7 @@ impl Solved {
             sigma,
             observed_area_fraction: observed_share,
             smoothness_weight: model.smoothness_weight,
+            propagation: None,
             held_out,
             termination: if reached_limit {
                 FitTermination::Limit

@@ -132,6 +132,7 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
         return scan.clone();
     }
     Scan {
+        time_s: scan.time_s,
         name: scan.name.clone(),
         points: pick(&scan.points, part, number),
         sigma: column(scan.sigma.as_ref(), part, number),

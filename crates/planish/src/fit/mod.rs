@@ -2,8 +2,10 @@
 
 mod engine;
 mod finish;
+mod gaps;
 mod growth;
 mod indicator;
+mod invented;
 mod known;
 mod large;
 mod noise;
@@ -13,10 +15,11 @@ mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
-pub use observations::{ObservationOptions, Observations, Rejection};
+pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
 
-use crate::model::{NodeCovariance, Posterior, SurfaceModel};
+use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
+use crate::propagate::{self, PropagationReport, RigidTracker, SymmetryChoice};
 use large::Parts;
 use planish_estimate::Result;
 use planish_exchange::{ScanSet, Unit};
@@ -24,6 +27,7 @@ use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
 use shared::SharedErrors;
+use stages::Settled;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -43,6 +47,12 @@ pub struct FitOptions {
     pub align: bool,
     /// No more control vertices than this.
     pub max_coefficients: usize,
+    /// The symmetry by which parts that nobody saw are completed.
+    pub symmetry: Option<SymmetryChoice>,
+    /// Whether the thing moved as a rigid body while its scans were taken, at the times that they state.
+    pub rigid_motion: bool,
+    /// Whether gaps are completed by the simple shape of what surrounds them.
+    pub complete_smooth: bool,
     /// Readings farther from the surface than this many σ are outliers.
     pub gate: f64,
     /// Share of the readings held out to judge the fit.
@@ -71,6 +81,9 @@ impl Default for FitOptions {
             ground: None,
             align: false,
             max_coefficients: 12_000,
+            symmetry: None,
+            rigid_motion: false,
+            complete_smooth: false,
             gate: 4.0,
             held_out_share: 0.1,
             seed: 0,
@@ -131,6 +144,9 @@ pub struct FitReport {
     pub observed_area_fraction: f64,
     /// Weight of the thin-plate energy, by marginal likelihood.
     pub smoothness_weight: f64,
+    /// What was completed by what was measured elsewhere, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub propagation: Option<PropagationReport>,
     /// The judgement by points that took no part.
     pub held_out: HeldOut,
     /// How it ended.
@@ -184,6 +200,9 @@ impl Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    if options.rigid_motion {
+        return fit_moving(set, options, progress);
+    }
     if let Some(cells) = options.known_parameters {
         return known::fit_known(set, cells, options, progress);
     }
@@ -192,13 +211,25 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
         ..options.clone()
     };
-    let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
+    let completes = options.symmetry.is_some() || options.complete_smooth;
+    let dealt = if completes {
+        None
+    } else {
+        Parts::deal(set, options, ground.as_ref())?
+    };
+    let Some(parts) = dealt else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
         observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
         progress.check("normals", 0.01)?;
-        let settled = stages::settle(&mut observations, &sheet, progress)?;
-        return finish::finish(set, &observations, settled, options, None, None, origin, progress)?.translated(origin);
+        let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
+        let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
+        let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
+        fitted.report.propagation = propagation.map(|found| PropagationReport {
+            invented_area_fraction,
+            ..found
+        });
+        return fitted.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
@@ -229,6 +260,84 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         progress,
     )?
     .translated(origin)
+}
+
+/// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion, and all of them then make the model, as the
+/// thing was when the first was taken.
+fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let order = propagate::scans_in_time(set)?;
+    let still = FitOptions {
+        rigid_motion: false,
+        ..options.clone()
+    };
+    let only = |k: usize| ScanSet {
+        scans: vec![set.scans[k].clone()],
+        inputs: Vec::new(),
+        ..set.clone()
+    };
+    let plain = FitOptions {
+        symmetry: None,
+        complete_smooth: false,
+        ..still.clone()
+    };
+    let first = fit(&only(order[0]), &plain, &Part::new(progress, 0.0, 0.3))?;
+    let mut tracker = RigidTracker::new(&first, set, &order)?;
+    for (k, &scan) in order.iter().enumerate().skip(1) {
+        progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
+        let readings = observe(
+            &only(scan),
+            &ObservationOptions {
+                held_out_share: 0.0,
+                ..observation_options(set, &plain)
+            },
+        )?;
+        tracker.follow(scan, &readings)?;
+    }
+    let mut moved = set.clone();
+    for posed in moved
+        .scans
+        .iter_mut()
+        .enumerate()
+        .filter_map(|(k, posed)| Some((tracker.pose(k)?, posed)))
+    {
+        let (world_from_thing, posed) = posed;
+        posed.scan.world_from_scanner = world_from_thing.inverse().after(&posed.scan.world_from_scanner);
+    }
+    let mut fitted = fit(&moved, &still, &Part::new(progress, 0.5, 1.0))?;
+    fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
+    Ok(fitted)
+}
+
+/// Completes the observations by what the options ask for, and settles a surface on all of them.
+fn propagated(
+    observations: &mut Observations,
+    origin: [f64; 3],
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<(Settled, Option<PropagationReport>)> {
+    let mut report = None;
+    if let Some(choice) = options.symmetry {
+        progress.check("symmetry", 0.015)?;
+        let found = propagate::complete_by_symmetry(observations, choice)?;
+        report = Some(found.translated(origin));
+    }
+    if !options.complete_smooth {
+        return Ok((stages::settle(observations, options, progress)?, report));
+    }
+    let settled = stages::settle(observations, options, &Part::new(progress, 0.0, 0.6))?;
+    let (readings, gaps) = gaps::completed(observations, &settled, options.gate);
+    let mut report = report.unwrap_or_default();
+    report.gaps = gaps;
+    report.pseudo_readings += readings.len();
+    if readings.is_empty() {
+        return Ok((settled, Some(report)));
+    }
+    observations.add_invented(&readings);
+    let subset = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]);
+    let subset = subset.collect();
+    let rest = Part::new(progress, 0.6, 0.9);
+    let settled = stages::refine_to_noise(observations, settled.surface, subset, options, &rest)?;
+    Ok((settled, Some(report)))
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.

@@ -84,6 +84,10 @@ impl SensorNoise {
     ) -> Result<Self> {
         let mut noise = Self::stated(observations);
         for channel in 0..observations.stated.len() {
+            // What was concluded from readings says nothing of the sensor that took them.
+            if observations.channels[channel].invented {
+                continue;
+            }
             let least = match observations.channels[channel].quantity {
                 Quantity::Position => observations.least_variance,
                 // Of numbers that have no length, or one over it: what rounding leaves of any.

@@ -108,6 +108,8 @@ pub struct Channel {
     pub sensor: usize,
     /// What it reads.
     pub quantity: Quantity,
+    /// Whether its readings were concluded from others: then it has no sensor, and none of its own errors can be told from theirs.
+    pub invented: bool,
 }
 
 /// What one reading says, in the world frame.
@@ -134,6 +136,28 @@ enum ScanNoise {
     Normals(Vec<([f64; 3], f64)>),
     /// Curvature tensors, each with the variance of its components.
     Curvatures(Vec<([f64; 6], f64)>),
+    /// Readings that were concluded from others.
+    Invented(Vec<InventedVariance>),
+}
+
+/// The variance along its normal of a reading that was concluded from others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InventedVariance {
+    /// Of the error that is its own.
+    pub own: f64,
+    /// Of the error that it shares with those around it, because they were concluded in the same way.
+    pub shared: f64,
+}
+
+/// A reading that was concluded from others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InventedReading {
+    /// Where the surface should be.
+    pub point: [f64; 3],
+    /// Its unit normal there.
+    pub normal: [f64; 3],
+    /// How uncertain that is.
+    pub variance: InventedVariance,
 }
 
 impl Measured {
@@ -234,6 +258,7 @@ impl Observations {
                 .map(|sensor| Channel {
                     sensor,
                     quantity: Quantity::Position,
+                    invented: false,
                 })
                 .collect(),
             total,
@@ -430,7 +455,11 @@ impl Observations {
 
     /// A scan of another quantity at places of one that is there.
     fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
-        let channel = Channel { sensor, quantity };
+        let channel = Channel {
+            sensor,
+            quantity,
+            invented: false,
+        };
         let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
             self.channels.push(channel);
             self.stated.push(true);
@@ -453,6 +482,49 @@ impl Observations {
             self.oriented.push(self.oriented[k]);
         }
         self.total += at.len();
+    }
+
+    /// Adds readings that were concluded from others; what they were before does not count them among its own.
+    pub fn add_invented(&mut self, readings: &[InventedReading]) {
+        if readings.is_empty() {
+            return;
+        }
+        let channel = self.channels.iter().position(|c| c.invented).unwrap_or_else(|| {
+            self.channels.push(Channel {
+                sensor: usize::MAX,
+                quantity: Quantity::Position,
+                invented: true,
+            });
+            self.stated.push(true);
+            if !self.roughness.is_empty() {
+                self.roughness.push(None);
+            }
+            self.channels.len() - 1
+        });
+        let scan = self.channel_of_scan.len() as u32;
+        self.channel_of_scan.push(channel);
+        self.base.push(scan);
+        self.shared.add_fixed_scan();
+        self.noise
+            .push(ScanNoise::Invented(readings.iter().map(|r| r.variance).collect()));
+        for (index, reading) in (0..).zip(readings) {
+            self.points.push(reading.point);
+            self.normals.push(reading.normal.map(|c| c as f32));
+            self.scan.push(scan);
+            self.index.push(index);
+            self.held_out.push(false);
+            self.oriented.push(true);
+        }
+    }
+
+    /// The variance of a reading that was concluded from others; none of one that was taken.
+    #[inline]
+    #[must_use]
+    pub fn invented(&self, i: usize) -> Option<InventedVariance> {
+        match &self.noise[self.scan[i] as usize] {
+            ScanNoise::Invented(all) => Some(all[self.index[i] as usize]),
+            _ => None,
+        }
     }
 
     /// The scan of the set that a scan here is of.
@@ -493,7 +565,7 @@ impl Observations {
             let Some(motion) = motion else { continue };
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
-                ScanNoise::Sigma(_) => {}
+                ScanNoise::Sigma(_) | ScanNoise::Invented(_) => {}
                 ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c)),
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
                 ScanNoise::Curvatures(all) => {
@@ -550,6 +622,7 @@ impl Observations {
         match &self.noise[self.scan[i] as usize] {
             ScanNoise::Normals(all) => all[index].1,
             ScanNoise::Curvatures(all) => all[index].1,
+            ScanNoise::Invented(all) => all[index].own + all[index].shared,
             _ => variance_along(&self.covariance(i), normal),
         }
     }
@@ -561,7 +634,8 @@ impl Observations {
         self.normals[i].map(f64::from)
     }
 
-    /// Covariance of a position as stated: `[xx, xy, xz, yy, yz, zz]` in world axes; zero where the place is no measurement.
+    /// Covariance of a position as stated: `[xx, xy, xz, yy, yz, zz]` in world axes; zero where the place is no measurement, and of readings that were
+    /// concluded from others, whose error is along their normal.
     #[inline]
     #[must_use]
     pub fn covariance(&self, i: usize) -> [f64; 6] {
@@ -572,7 +646,7 @@ impl Observations {
             }
             .covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
-            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) => [0.0; 6],
+            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Invented(_) => [0.0; 6],
         }
     }
 

@@ -272,6 +272,11 @@ impl SharedErrors {
         made
     }
 
+    /// One more scan of the observations that has none.
+    pub(super) fn add_fixed_scan(&mut self) {
+        self.of_scan.push(None);
+    }
+
     /// Whether no scan has any.
     pub(super) fn is_empty(&self) -> bool {
         self.errors.is_empty() && self.earlier.is_none()

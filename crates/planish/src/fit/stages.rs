@@ -7,6 +7,7 @@ use super::FitOptions;
 use super::engine::{Foot, FootChannels, FootState, by_leaf, normal_step, project};
 use super::growth::{MOST_LEVELS, grow};
 use super::indicator::Indicator;
+use super::invented::share_errors;
 use super::noise::SensorNoise;
 use super::observations::{Observations, Quantity};
 use crate::progress::Progress;
@@ -260,6 +261,7 @@ pub(super) fn refine_to_noise(
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
             feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+            share_errors(observations, &sample, &mut feet, &surface, weight);
             let channels = FootChannels::new(observations, &sample);
             let known = degrees.get_or_insert_with(|| first_degrees(&surface, &channels));
             noise = SensorNoise::estimate(observations, &sample, &feet, options.gate, known, final_round)?;
@@ -302,6 +304,7 @@ pub(super) fn refine_to_noise(
         let weight_now = weight.unwrap_or(0.0);
         if final_round {
             feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+            share_errors(observations, &subset, &mut feet, &surface, weight);
             noise = SensorNoise::estimate(
                 observations,
                 &subset,
@@ -329,6 +332,7 @@ pub(super) fn refine_to_noise(
         }
         // What the leaves cannot follow.
         feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+        share_errors(observations, &sample, &mut feet, &surface, weight);
         let kept = weights(observations, &sample, &feet, &noise, options.gate, false);
         outside = sample
             .iter()
@@ -769,7 +773,7 @@ fn misfit(
 }
 
 /// A leaf and those around it, each once.
-fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))
@@ -783,14 +787,24 @@ fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     found
 }
 
-/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
-pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
+/// For each leaf, whether it holds an ungated foot of those that count, by their number.
+pub(super) fn leaves_with_feet(
+    surface: &Surface,
+    feet: &[Foot],
+    information: &[f64],
+    counts: impl Fn(usize) -> bool,
+) -> Vec<bool> {
     let space = surface.space();
     let mut own = vec![false; space.leaves().len()];
-    for (foot, &w) in feet.iter().zip(information) {
-        own[foot.leaf as usize] |= w > 0.0;
+    for (k, (foot, &w)) in feet.iter().zip(information).enumerate() {
+        own[foot.leaf as usize] |= w > 0.0 && counts(k);
     }
-    with_neighbours(space, &own)
+    own
+}
+
+/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
+pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
+    with_neighbours(surface.space(), &leaves_with_feet(surface, feet, information, |_| true))
 }
 
 /// The marked leaves and the neighbours of each.

@@ -93,7 +93,7 @@ impl ScanSceneOptions {
         SIZE_MM / self.unit.millimetres()
     }
 
-    fn sanity_check(&self) -> Result<()> {
+    pub(super) fn sanity_check(&self) -> Result<()> {
         if self.readings == 0 || (self.views == 0 && !self.old_scanner) {
             return Err(Error::input("needed at least one view and one reading, found none"));
         }
@@ -146,6 +146,21 @@ pub struct ScanScene {
     pub sensors: Vec<SensorTruth>,
     /// For each scan, what each of its readings really saw.
     pub readings: Vec<Vec<TrueReading>>,
+    /// How the thing moved, where it did.
+    pub motion: Option<TrueMotion>,
+}
+
+/// The motion of a simulated thing: a constant turn about a fixed axis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrueMotion {
+    /// Degrees per second.
+    pub rate_deg_per_s: f64,
+    /// The unit direction of the axis.
+    pub axis: [f64; 3],
+    /// A point of it.
+    pub axis_point: [f64; 3],
+    /// When each scan was taken, in seconds; the truth is the thing at the first.
+    pub times_s: Vec<f64>,
 }
 
 /// One scan's file.
@@ -183,6 +198,9 @@ pub struct TruthSummary {
     /// The formula of the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<ClosedForm>,
+    /// How the thing moved, where it did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<TrueMotion>,
 }
 
 /// What [`write_scans_scene`] wrote.
@@ -231,6 +249,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         truth,
         sensors: Vec::new(),
         readings: Vec::new(),
+        motion: None,
     };
     let views = options.views + usize::from(options.old_scanner);
     let each = options.readings.div_ceil(views);
@@ -276,7 +295,14 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
 }
 
 impl ScanScene {
-    fn add_sensor(&mut self, name: &str, kind: SensorKind, noise: Noise, misstatement: f64, outlier_share: f64) {
+    pub(super) fn add_sensor(
+        &mut self,
+        name: &str,
+        kind: SensorKind,
+        noise: Noise,
+        misstatement: f64,
+        outlier_share: f64,
+    ) {
         let (sigma_along, sigma_across) = match noise {
             Noise::Isotropic { sigma } => (sigma, sigma),
             Noise::Ray {
@@ -302,7 +328,7 @@ impl ScanScene {
     }
 
     /// Adds a scan of the sensor that was added last.
-    fn add_scan(&mut self, scan: VirtualScan) {
+    pub(super) fn add_scan(&mut self, scan: VirtualScan) {
         self.set.scans.push(PosedScan {
             scan: scan.scan,
             sensor: self.set.sensors.len() - 1,
@@ -314,7 +340,7 @@ impl ScanScene {
 }
 
 /// A seed for each scan.
-fn seed_of(seed: u64, scan: usize) -> u64 {
+pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     // The odd constant is 2⁶⁴ over the golden ratio: neighbours in seed and scan get seeds far apart.
     seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
@@ -344,8 +370,13 @@ fn pose(truth: &Truth, shape: Shape, view: usize, views: usize, size: f64, rng: 
         unit(add_scaled(add_scaled(d, 0.1 * x, e1), 0.1 * y, e2))
     });
     let z = disordered.ok_or_else(|| Error::input("a view without a direction"))?;
+    looking_from(truth, z, TAU * roll, size)
+}
+
+/// A pose four lengths away from the middle of the thing, in a direction, turned about it by `roll_rad`.
+pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64) -> Result<Pose> {
     let (e1, e2) = tangents(z);
-    let (sin, cos) = (TAU * roll).sin_cos();
+    let (sin, cos) = roll_rad.sin_cos();
     let x = add_scaled(scale(cos, e1), sin, e2);
     let y = cross(z, x);
     let rotation = [0, 1, 2].map(|k| [x[k], y[k], z[k]]);
@@ -361,7 +392,7 @@ fn pose(truth: &Truth, shape: Shape, view: usize, views: usize, size: f64, rng: 
 }
 
 /// Optics that take in all of the thing: parallel rays for the old scanner, rays from a point for the laser.
-fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
+pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
     let scanner_from_world = pose.inverse();
     let mut half = [0.0_f64; 2];
     for p in truth.mesh(5120).0.positions {
@@ -378,7 +409,7 @@ fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
 }
 
 /// Columns and rows that give about as many readings as wanted, by counting those of a coarse grid.
-fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> Result<[usize; 2]> {
+pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> Result<[usize; 2]> {
     pilot.sanity_check()?;
     let seen = pilot.count(truth);
     if seen == 0 {
@@ -469,6 +500,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
             .map(chord)
             .reduce(|| 0.0, f64::max),
         surface: scene.truth.closed_form().cloned(),
+        motion: scene.motion.clone(),
     };
     let path = folder.join("truth.json");
     let mut text = serde_json::to_string_pretty(&truth)
@@ -527,6 +559,9 @@ fn job_text(set: &ScanSet) -> String {
             pose.translation,
             pose.quaternion_xyzw()
         );
+        if let Some(time) = posed.scan.time_s {
+            let _ = writeln!(text, "time = {time:?}");
+        }
         let _ = match posed.scan.viewing {
             Viewing::Unknown => Ok(()),
             Viewing::Direction(d) => writeln!(text, "direction = {d:?}"),

@@ -1,0 +1,279 @@
+//! A cloud as independent pieces: each a quadric over a plane, fitted to readings that no other piece uses.
+//!
+//! Pieces stand for the surface where it was measured. As no reading is in two of them, their errors are independent, and what is
+//! estimated from them has the covariance that error propagation says.
+//!
+//! Not guaranteed: pieces where the surface bends by more than a quadric can follow within one of them; those lie off by that.
+
+use nalgebra::{SMatrix, SVector};
+use planish_estimate::vector3::{add, add_scaled, dot, scale, sub, tangents, unit};
+use planish_estimate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// Coefficients of a quadric: `c0 + c1 x + c2 y + c3 x² + c4 xy + c5 y²`.
+pub(super) const COEFFICIENTS: usize = 6;
+/// Readings of a piece, at least: three times what a quadric takes.
+const LEAST_READINGS: usize = 18;
+/// Pieces that a cloud is cut into, at most, and the share of its readings that they must hold.
+const MOST_FACETS: usize = 1200;
+const LEAST_SHARE: f64 = 0.75;
+/// Sides of the cubes that cut the cloud, over its size: the first, the growth, the last.
+const FINEST: f64 = 1.0 / 40.0;
+const GROWTH: f64 = 1.25;
+const COARSEST: f64 = 1.0 / 5.0;
+/// Length of the mean normal of a piece, at least: sharp edges are no quadrics.
+const LEAST_MEAN_NORMAL: f64 = 0.85;
+/// Pieces that say anything of a shape.
+const LEAST_FACETS: usize = 12;
+/// The median of a χ² with many degrees of freedom is less than their number by this.
+const MEDIAN_BELOW_MEAN: f64 = 2.0 / 3.0;
+
+/// A piece of a measured surface.
+#[derive(Debug, Clone)]
+pub struct Facet {
+    /// Its place: on the quadric, over the mean of its readings.
+    pub point: [f64; 3],
+    /// The outward unit normal there.
+    pub normal: [f64; 3],
+    /// How many readings it stands for.
+    pub readings: usize,
+    origin: [f64; 3],
+    axes: [[f64; 3]; 3],
+    coefficients: [f64; COEFFICIENTS],
+    covariance: SMatrix<f64, COEFFICIENTS, COEFFICIENTS>,
+}
+
+/// How far a place lies from a piece, and what that depends on.
+pub(super) struct Height {
+    /// Distance along the normal.
+    pub value: f64,
+    /// Its derivative by the place: the normal of the quadric there.
+    pub normal: [f64; 3],
+    /// Its derivative by the coefficients.
+    pub by_coefficients: SVector<f64, COEFFICIENTS>,
+    /// Distance along the tangent plane.
+    pub slip: f64,
+}
+
+/// A cloud in pieces.
+#[derive(Debug, Clone)]
+pub struct Facets {
+    /// The pieces.
+    pub all: Vec<Facet>,
+    /// For each point of the cloud, its piece.
+    pub of_point: Vec<Option<u32>>,
+    /// Side of the cubes that cut the cloud.
+    pub side: f64,
+    /// Diagonal of the box around the cloud.
+    pub size: f64,
+    /// Residual variance over that stated, the median over the pieces.
+    pub variance_factor: f64,
+}
+
+impl Facets {
+    /// Cuts a cloud into cubes, apart by the side that their normals point to, and fits a quadric to each.
+    ///
+    /// `variance` is that of each point along its normal; only the ratios matter where `believed` is false, and in any case what the
+    /// readings scatter about the quadrics replaces it where that is more.
+    ///
+    /// # Errors
+    /// `Undetermined` for a cloud that is too small or too rough to be cut into a dozen pieces.
+    pub fn new(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], believed: bool) -> Result<Self> {
+        let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+            ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
+        });
+        let size = dot(sub(hi, lo), sub(hi, lo)).sqrt();
+        let mut side = FINEST * size;
+        let mut cut = cut_up(points, normals, lo, side);
+        while side < COARSEST * size && !fits(&cut, points.len()) {
+            side *= GROWTH;
+            cut = cut_up(points, normals, lo, side);
+        }
+        let mut made = Self {
+            all: Vec::new(),
+            of_point: vec![None; points.len()],
+            side,
+            size,
+            variance_factor: 1.0,
+        };
+        let mut factors = Vec::new();
+        for members in cut.values().filter(|m| m.len() >= LEAST_READINGS) {
+            if let Some((facet, factor)) = Facet::fitted(points, normals, variance, members) {
+                for &i in members {
+                    made.of_point[i as usize] = Some(made.all.len() as u32);
+                }
+                made.all.push(facet);
+                factors.push(factor);
+            }
+        }
+        if made.all.len() < LEAST_FACETS {
+            return Err(Error::undetermined(format!(
+                "the readings make {} pieces of smooth surface, and a symmetry needs {LEAST_FACETS}: they are too few or too rough",
+                made.all.len()
+            )));
+        }
+        let middle = factors.len() / 2;
+        let factor = *factors.select_nth_unstable_by(middle, f64::total_cmp).1;
+        made.variance_factor = if believed { factor.max(1.0) } else { factor };
+        for facet in &mut made.all {
+            facet.covariance *= made.variance_factor;
+        }
+        Ok(made)
+    }
+}
+
+/// The points of each cube and side.
+fn cut_up(points: &[[f64; 3]], normals: &[[f64; 3]], lo: [f64; 3], side: f64) -> BTreeMap<[i64; 4], Vec<u32>> {
+    let mut cut: BTreeMap<[i64; 4], Vec<u32>> = BTreeMap::new();
+    for ((i, p), n) in (0..).zip(points).zip(normals) {
+        let axis = (0..3).max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
+        if n[axis] == 0.0 {
+            continue;
+        }
+        let facing = 2 * axis as i64 + i64::from(n[axis] < 0.0);
+        let [x, y, z] = [0, 1, 2].map(|d| ((p[d] - lo[d]) / side).floor() as i64);
+        cut.entry([x, y, z, facing]).or_default().push(i);
+    }
+    cut
+}
+
+/// Whether enough of the readings are in pieces that are not too many.
+fn fits(cut: &BTreeMap<[i64; 4], Vec<u32>>, total: usize) -> bool {
+    let full = || cut.values().filter(|m| m.len() >= LEAST_READINGS);
+    full().map(Vec::len).sum::<usize>() as f64 >= LEAST_SHARE * total as f64 && full().count() <= MOST_FACETS
+}
+
+impl Facet {
+    /// A quadric by weighted least squares, and the median of its squared residuals over their variance; none for readings on a line or an edge.
+    fn fitted(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
+        let count = members.len() as f64;
+        let mean = |of: &[[f64; 3]]| {
+            let sum = members.iter().fold([0.0; 3], |s, &i| add(s, of[i as usize]));
+            scale(1.0 / count, sum)
+        };
+        let (origin, turned) = (mean(points), mean(normals));
+        let normal = unit(turned).filter(|_| dot(turned, turned) >= LEAST_MEAN_NORMAL * LEAST_MEAN_NORMAL)?;
+        let (e1, e2) = tangents(normal);
+        let axes = [e1, e2, normal];
+        let local = |p: [f64; 3]| axes.map(|a| dot(a, sub(p, origin)));
+        let spread = members
+            .iter()
+            .map(|&i| local(points[i as usize]))
+            .fold(0.0_f64, |s, [x, y, _]| s.max(x.abs()).max(y.abs()));
+        if spread <= 0.0 {
+            return None;
+        }
+        let mut normal_matrix = SMatrix::<f64, COEFFICIENTS, COEFFICIENTS>::zeros();
+        let mut right = SVector::<f64, COEFFICIENTS>::zeros();
+        // Coordinates of about one keep the matrix well scaled.
+        for &i in members {
+            let [x, y, z] = local(points[i as usize]);
+            let row = monomials(x / spread, y / spread);
+            let w = 1.0 / variance[i as usize];
+            normal_matrix += row * row.transpose() * w;
+            right += row * (w * z);
+        }
+        let inverse = normal_matrix.cholesky()?.inverse();
+        let scaled = inverse * right;
+        let chi2: f64 = members
+            .iter()
+            .map(|&i| {
+                let [x, y, z] = local(points[i as usize]);
+                (z - monomials(x / spread, y / spread).dot(&scaled)).powi(2) / variance[i as usize]
+            })
+            .sum();
+        let degrees = count - COEFFICIENTS as f64;
+        let units = monomials(1.0 / spread, 1.0 / spread);
+        let coefficients = scaled.component_mul(&units);
+        let covariance = SMatrix::from_fn(|i, j| inverse[(i, j)] * units[i] * units[j]);
+        if covariance[(0, 0)] > 4.0 * variance[members[0] as usize] {
+            return None;
+        }
+        let made = Self {
+            point: add_scaled(origin, coefficients[0], normal),
+            normal: unit(add_scaled(
+                add_scaled(normal, -coefficients[1], e1),
+                -coefficients[2],
+                e2,
+            ))?,
+            readings: members.len(),
+            origin,
+            axes,
+            coefficients: coefficients.into(),
+            covariance,
+        };
+        Some((made, chi2 / (degrees - MEDIAN_BELOW_MEAN)))
+    }
+
+    /// How far a place lies above the quadric.
+    pub(super) fn height(&self, p: [f64; 3]) -> Height {
+        let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.origin)));
+        let c = &self.coefficients;
+        let row = monomials(x, y);
+        let slope_x = c[1] + 2.0 * c[3] * x + c[4] * y;
+        let slope_y = c[2] + c[4] * x + 2.0 * c[5] * y;
+        let over = 1.0 / (1.0 + slope_x * slope_x + slope_y * slope_y).sqrt();
+        let surface: f64 = row.iter().zip(c).map(|(r, c)| r * c).sum();
+        let [e1, e2, n] = self.axes;
+        Height {
+            value: over * (z - surface),
+            normal: scale(over, add_scaled(add_scaled(n, -slope_x, e1), -slope_y, e2)),
+            by_coefficients: row * -over,
+            slip: x.hypot(y),
+        }
+    }
+
+    /// Covariance of the coefficients.
+    pub(super) fn covariance(&self) -> &SMatrix<f64, COEFFICIENTS, COEFFICIENTS> {
+        &self.covariance
+    }
+
+    /// Variance of a height that depends so on the coefficients.
+    pub(super) fn variance(&self, by_coefficients: &SVector<f64, COEFFICIENTS>) -> f64 {
+        (by_coefficients.transpose() * self.covariance * by_coefficients)[(0, 0)]
+    }
+
+    /// How the piece's own place moves along its normal with the coefficients.
+    pub(super) fn own() -> SVector<f64, COEFFICIENTS> {
+        monomials(0.0, 0.0)
+    }
+}
+
+fn monomials(x: f64, y: f64) -> SVector<f64, COEFFICIENTS> {
+    SVector::from([1.0, x, y, x * x, x * y, y * y])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt as _, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    #[test]
+    fn pieces_of_a_noisy_sphere_lie_on_it_within_their_sigma() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let sigma = 0.02;
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        while points.len() < 20_000 {
+            let d = [0; 3].map(|_| rng.sample::<f64, _>(StandardNormal));
+            let Some(n) = unit(d) else { continue };
+            points.push(scale(3.0 + sigma * rng.sample::<f64, _>(StandardNormal), n));
+            normals.push(n);
+        }
+        // The stated variance is four times too small: the scatter says so.
+        let facets = Facets::new(&points, &normals, &vec![0.25 * sigma * sigma; points.len()], true).unwrap();
+        assert!((facets.variance_factor - 4.0).abs() < 0.4, "{}", facets.variance_factor);
+        let squares: f64 = facets
+            .all
+            .iter()
+            .map(|f| (dot(f.point, f.point).sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
+            .sum();
+        let mean = squares / facets.all.len() as f64;
+        // A mean of so many squares: within four of its standard errors, and the fourth order that a quadric leaves.
+        assert!(
+            facets.all.len() > 100 && (mean - 1.0).abs() < 4.0 * (2.0 / facets.all.len() as f64).sqrt() + 0.1,
+            "{mean}"
+        );
+    }
+}

@@ -1,0 +1,217 @@
+//! The maps of a symmetry, and how they change with its axis or plane.
+
+use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents};
+use std::f64::consts::TAU;
+
+/// A symmetry with its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Symmetry {
+    /// About an axis: by `2π/order`, or by any angle where there is none.
+    Rotation {
+        /// A point of the axis, the nearest to the middle of the cloud.
+        point: [f64; 3],
+        /// Its unit direction.
+        direction: [f64; 3],
+        /// How many times a turn repeats the shape.
+        order: Option<u32>,
+    },
+    /// In a plane.
+    Mirror {
+        /// A point of the plane, the nearest to the middle of the cloud.
+        point: [f64; 3],
+        /// Its unit normal.
+        normal: [f64; 3],
+    },
+}
+
+/// One map of a symmetry: a rotation by an angle, or the reflection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Map {
+    Turn { sin: f64, cos: f64 },
+    Reflect,
+}
+
+impl Map {
+    pub(super) fn turn(angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        Self::Turn { sin, cos }
+    }
+}
+
+/// Numbers that place a symmetry, at most: an axis takes two shifts and two tilts, a plane one shift and two tilts.
+pub(super) const MOST_PARAMETERS: usize = 4;
+
+impl Symmetry {
+    /// How many numbers place it.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        match self {
+            Self::Rotation { .. } => 4,
+            Self::Mirror { .. } => 3,
+        }
+    }
+
+    /// A point that the map leaves in place.
+    #[must_use]
+    pub fn point(&self) -> [f64; 3] {
+        match *self {
+            Self::Rotation { point, .. } | Self::Mirror { point, .. } => point,
+        }
+    }
+
+    /// The direction of the axis, or the normal of the plane.
+    #[must_use]
+    pub fn direction(&self) -> [f64; 3] {
+        match *self {
+            Self::Rotation { direction, .. } => direction,
+            Self::Mirror { normal, .. } => normal,
+        }
+    }
+
+    /// A direction carried along by a map.
+    pub(super) fn carry(&self, map: Map, v: [f64; 3]) -> [f64; 3] {
+        match (*self, map) {
+            (Self::Rotation { direction: d, .. }, Map::Turn { sin, cos }) => {
+                // Rodrigues' formula.
+                add_scaled(add_scaled(scale(cos, v), sin, cross(d, v)), (1.0 - cos) * dot(d, v), d)
+            }
+            (Self::Mirror { normal, .. }, _) => add_scaled(v, -2.0 * dot(normal, v), normal),
+            (Self::Rotation { .. }, Map::Reflect) => v,
+        }
+    }
+
+    /// A point carried along by a map.
+    pub(super) fn apply(&self, map: Map, p: [f64; 3]) -> [f64; 3] {
+        add(self.point(), self.carry(map, sub(p, self.point())))
+    }
+
+    /// The image of a point and its normal: turned by the angle about the axis, or reflected where there is none.
+    #[must_use]
+    pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+        let map = angle.map_or(Map::Reflect, Map::turn);
+        (self.apply(map, point), self.carry(map, normal))
+    }
+
+    /// The angle of a point about the axis; about the normal of a plane.
+    #[must_use]
+    pub fn angle(&self, point: [f64; 3]) -> f64 {
+        self.cylindrical(point)[2]
+    }
+
+    /// Derivatives of [`Symmetry::apply`] by the parameters, as [`Symmetry::moved`] takes them.
+    pub(super) fn derivatives(&self, map: Map, p: [f64; 3]) -> [[f64; 3]; MOST_PARAMETERS] {
+        let (e1, e2) = tangents(self.direction());
+        let r = sub(p, self.point());
+        match *self {
+            Self::Rotation { direction: d, .. } => {
+                let shift = |e: [f64; 3]| sub(e, self.carry(map, e));
+                // The axis turned by ω = d × e: the map changes by [ω]R − R[ω].
+                let tilt = |e: [f64; 3]| {
+                    let w = cross(d, e);
+                    sub(cross(w, self.carry(map, r)), self.carry(map, cross(w, r)))
+                };
+                [shift(e1), shift(e2), tilt(e1), tilt(e2)]
+            }
+            Self::Mirror { normal: m, .. } => {
+                let tilt = |e: [f64; 3]| add_scaled(scale(-2.0 * dot(r, e), m), -2.0 * dot(r, m), e);
+                [scale(2.0, m), tilt(e1), tilt(e2), [0.0; 3]]
+            }
+        }
+    }
+
+    /// The same symmetry elsewhere: shifts along the tangents (the normal) of its direction, then tilts in radians.
+    pub(super) fn moved(&self, by: &[f64]) -> Self {
+        let d = self.direction();
+        let (e1, e2) = tangents(d);
+        let tilted = |a: f64, b: f64| {
+            let t = add_scaled(add_scaled(d, a, e1), b, e2);
+            scale(1.0 / dot(t, t).sqrt(), t)
+        };
+        match *self {
+            Self::Rotation { point, order, .. } => Self::Rotation {
+                point: add_scaled(add_scaled(point, by[0], e1), by[1], e2),
+                direction: tilted(by[2], by[3]),
+                order,
+            },
+            Self::Mirror { point, normal } => Self::Mirror {
+                point: add_scaled(point, by[0], normal),
+                normal: tilted(by[1], by[2]),
+            },
+        }
+    }
+
+    /// The same symmetry with its point the nearest to a given one.
+    pub(super) fn near(self, p: [f64; 3]) -> Self {
+        match self {
+            Self::Rotation {
+                point,
+                direction,
+                order,
+            } => Self::Rotation {
+                point: add_scaled(point, dot(sub(p, point), direction), direction),
+                direction,
+                order,
+            },
+            Self::Mirror { point, normal } => Self::Mirror {
+                point: add_scaled(p, -dot(sub(p, point), normal), normal),
+                normal,
+            },
+        }
+    }
+
+    /// The maps of a symmetry that has finitely many, but the one that moves nothing.
+    pub(super) fn maps(&self) -> Vec<Map> {
+        match *self {
+            Self::Rotation { order: Some(n), .. } => {
+                (1..n).map(|k| Map::turn(TAU * f64::from(k) / f64::from(n))).collect()
+            }
+            Self::Rotation { order: None, .. } => Vec::new(),
+            Self::Mirror { .. } => vec![Map::Reflect],
+        }
+    }
+
+    /// Height along the axis, distance from it, and the angle about it.
+    pub(super) fn cylindrical(&self, p: [f64; 3]) -> [f64; 3] {
+        let d = self.direction();
+        let (e1, e2) = tangents(d);
+        let r = sub(p, self.point());
+        let (x, y) = (dot(r, e1), dot(r, e2));
+        [dot(r, d), x.hypot(y), y.atan2(x)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::{distance, unit};
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let d = unit([0.3, -0.5, 0.8]).unwrap();
+        let point = [0.4, 0.1, -0.2];
+        let rotation = Symmetry::Rotation {
+            point,
+            direction: d,
+            order: None,
+        };
+        let mirror = Symmetry::Mirror { point, normal: d };
+        let p = [1.2, -0.7, 0.5];
+        for (symmetry, map) in [(rotation, Map::turn(0.9)), (mirror, Map::Reflect)] {
+            let all = symmetry.derivatives(map, p);
+            for k in 0..symmetry.parameters() {
+                let step = |h: f64| {
+                    let mut by = [0.0; MOST_PARAMETERS];
+                    by[k] = h;
+                    symmetry.moved(&by).apply(map, p)
+                };
+                let h = 1e-5;
+                let difference = scale(0.5 / h, sub(step(h), step(-h)));
+                assert!(
+                    distance(difference, all[k]) < 1e-8,
+                    "parameter {k}: {difference:?} {:?}",
+                    all[k]
+                );
+            }
+        }
+    }
+}

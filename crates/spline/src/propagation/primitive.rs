@@ -1,0 +1,487 @@
+//! Planes, spheres and cylinders by least squares, and which of them a patch of surface is.
+//!
+//! Comes in: readings around a gap, with variances. Goes out: the shape that explains them with the fewest numbers, its covariance, and what the others
+//! would say; or none, where none explains them.
+//!
+//! Residuals are distances along the normal. The least of `BIC = χ² + p ln n` wins among shapes that pass their χ² test; the others that pass count with
+//! `exp(−BIC/2)`, and what they predict otherwise is part of the prediction's variance.
+//!
+//! Not guaranteed: that a gap is of the shape that surrounds it.
+//!
+//! # References
+//! Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978), for the BIC.
+
+use crate::symmetric_eigen;
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
+use planish_estimate::vector3::{add, add_scaled, dot, norm, scale, sub, tangents, unit, upper_triangle};
+
+/// Numbers of a shape, at most: a cylinder has five.
+const MOST_PARAMETERS: usize = 5;
+/// Readings that are too few to tell.
+const LEAST_READINGS: usize = 24;
+/// Steps of Gauss–Newton.
+const STEPS: usize = 25;
+/// A shape passes where its χ² over the degrees of freedom is within so many standard deviations of one.
+const PASSES: f64 = 3.0;
+/// A radius larger than so many times the patch is that of a plane.
+const FLATTEST: f64 = 100.0;
+
+/// A simple shape.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Primitive {
+    /// Through a point, with a unit normal.
+    Plane {
+        /// A point of it.
+        point: [f64; 3],
+        /// Its unit normal.
+        normal: [f64; 3],
+    },
+    /// About a centre.
+    Sphere {
+        /// Its centre.
+        centre: [f64; 3],
+        /// Its radius.
+        radius: f64,
+    },
+    /// About an axis.
+    Cylinder {
+        /// A point of the axis.
+        point: [f64; 3],
+        /// Its unit direction.
+        direction: [f64; 3],
+        /// Its radius.
+        radius: f64,
+    },
+}
+
+/// A shape with its covariance.
+#[derive(Debug, Clone)]
+pub struct FittedPrimitive {
+    /// The shape.
+    pub primitive: Primitive,
+    covariance: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    /// Residual χ², and its degrees of freedom.
+    pub chi_square: f64,
+    /// See `chi_square`.
+    pub degrees: f64,
+    /// `χ² + p ln n`.
+    pub bic: f64,
+}
+
+/// What a patch is, and what else it may be.
+#[derive(Debug, Clone)]
+pub struct Classification {
+    /// The shapes that pass, the likeliest first.
+    pub candidates: Vec<FittedPrimitive>,
+    /// Their probabilities, if it is one of them.
+    pub probabilities: Vec<f64>,
+    /// How far the readings depart from the first beyond their noise, as a variance; at least what could not have been noticed.
+    pub doubt: f64,
+}
+
+/// What a classified patch says of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// The point of the likeliest shape.
+    pub point: [f64; 3],
+    /// Its unit normal there.
+    pub normal: [f64; 3],
+    /// Variance along it: of the shape's place, of the doubt which shape it is, and of the departure from it.
+    pub variance: f64,
+}
+
+impl Primitive {
+    /// The name in reports.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Plane { .. } => "plane",
+            Self::Sphere { .. } => "sphere",
+            Self::Cylinder { .. } => "cylinder",
+        }
+    }
+
+    /// How many numbers place it.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        match self {
+            Self::Plane { .. } => 3,
+            Self::Sphere { .. } => 4,
+            Self::Cylinder { .. } => 5,
+        }
+    }
+
+    /// The radius, where it has one.
+    #[must_use]
+    pub fn radius(&self) -> Option<f64> {
+        match *self {
+            Self::Plane { .. } => None,
+            Self::Sphere { radius, .. } | Self::Cylinder { radius, .. } => Some(radius),
+        }
+    }
+
+    /// Distance of a point, the direction away from the shape there, and the distance's derivatives by the parameters.
+    fn distance(&self, p: [f64; 3]) -> (f64, [f64; 3], SVector<f64, MOST_PARAMETERS>) {
+        match *self {
+            Self::Plane { point, normal } => {
+                let (e1, e2) = tangents(normal);
+                let r = sub(p, point);
+                let row = [-1.0, dot(r, e1), dot(r, e2), 0.0, 0.0];
+                (dot(r, normal), normal, row.into())
+            }
+            Self::Sphere { centre, radius } => {
+                let r = sub(p, centre);
+                let u = unit(r).unwrap_or([0.0, 0.0, 1.0]);
+                (norm(r) - radius, u, [-u[0], -u[1], -u[2], -1.0, 0.0].into())
+            }
+            Self::Cylinder {
+                point,
+                direction,
+                radius,
+            } => {
+                let (e1, e2) = tangents(direction);
+                let w = sub(p, point);
+                let along = dot(w, direction);
+                let r = add_scaled(w, -along, direction);
+                let u = unit(r).unwrap_or(e1);
+                let (a, b) = (dot(u, e1), dot(u, e2));
+                (norm(r) - radius, u, [-a, -b, -along * a, -along * b, -1.0].into())
+            }
+        }
+    }
+
+    fn moved(&self, by: &SVector<f64, MOST_PARAMETERS>) -> Self {
+        let tilted = |d: [f64; 3], a: f64, b: f64| {
+            let (e1, e2) = tangents(d);
+            unit(add_scaled(add_scaled(d, a, e1), b, e2)).unwrap_or(d)
+        };
+        match *self {
+            Self::Plane { point, normal } => Self::Plane {
+                point: add_scaled(point, by[0], normal),
+                // A tilt of the normal raises the distance of what lies that way.
+                normal: tilted(normal, by[1], by[2]),
+            },
+            Self::Sphere { centre, radius } => Self::Sphere {
+                centre: add(centre, [by[0], by[1], by[2]]),
+                radius: radius + by[3],
+            },
+            Self::Cylinder {
+                point,
+                direction,
+                radius,
+            } => {
+                let (e1, e2) = tangents(direction);
+                Self::Cylinder {
+                    point: add_scaled(add_scaled(point, by[0], e1), by[1], e2),
+                    direction: tilted(direction, by[2], by[3]),
+                    radius: radius + by[4],
+                }
+            }
+        }
+    }
+}
+
+impl FittedPrimitive {
+    /// Gauss–Newton from a start; none where the readings do not place the shape.
+    fn from_start(start: Primitive, points: &[[f64; 3]], variance: &[f64], size: f64) -> Option<Self> {
+        let mut primitive = start;
+        let p = start.parameters();
+        let normal_equations = |primitive: &Primitive| {
+            let mut matrix = SMatrix::<f64, MOST_PARAMETERS, MOST_PARAMETERS>::zeros();
+            let mut right = SVector::<f64, MOST_PARAMETERS>::zeros();
+            let mut chi_square = 0.0;
+            for (z, v) in points.iter().zip(variance) {
+                let (d, _, row) = primitive.distance(*z);
+                matrix += row * row.transpose() / *v;
+                right -= row * (d / v);
+                chi_square += d * d / v;
+            }
+            for k in p..MOST_PARAMETERS {
+                matrix[(k, k)] = 1.0;
+            }
+            (matrix, right, chi_square)
+        };
+        for _ in 0..STEPS {
+            let (matrix, right, before) = normal_equations(&primitive);
+            let by = matrix.cholesky()?.solve(&right);
+            let mut share = 1.0;
+            let mut next = primitive.moved(&by);
+            while share > 1e-3 && normal_equations(&next).2 > before * (1.0 + 1e-12) {
+                share *= 0.5;
+                next = primitive.moved(&(by * share));
+            }
+            primitive = next;
+            if primitive.radius().is_some_and(|r| !(r > 0.0 && r < FLATTEST * size)) {
+                return None;
+            }
+            if (by.transpose() * right)[(0, 0)] < 1e-6 {
+                break;
+            }
+        }
+        let (matrix, _, chi_square) = normal_equations(&primitive);
+        let mut covariance = matrix.cholesky()?.inverse();
+        for k in p..MOST_PARAMETERS {
+            covariance[(k, k)] = 0.0;
+        }
+        let n = points.len() as f64;
+        Some(Self {
+            primitive,
+            covariance,
+            chi_square,
+            degrees: n - p as f64,
+            bic: chi_square + p as f64 * n.ln(),
+        })
+    }
+
+    /// Whether the residuals are the noise of the readings.
+    fn passes(&self) -> bool {
+        self.chi_square <= self.degrees + PASSES * (2.0 * self.degrees).sqrt()
+    }
+
+    /// σ of the parameters: of a plane its shift and tilts, of a sphere centre and radius, of a cylinder shifts and tilts of the axis and radius.
+    #[must_use]
+    pub fn sigmas(&self) -> Vec<f64> {
+        (0..self.primitive.parameters())
+            .map(|k| self.covariance[(k, k)].max(0.0).sqrt())
+            .collect()
+    }
+}
+
+/// Tells which shape readings are of; none where they are too few, or no shape explains them.
+#[must_use]
+pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> Option<Classification> {
+    if points.len() < LEAST_READINGS {
+        return None;
+    }
+    let middle = mean(points);
+    let size = points.iter().map(|p| norm(sub(*p, middle))).fold(0.0, f64::max);
+    let mut candidates: Vec<FittedPrimitive> = starts(points, normals, middle)
+        .into_iter()
+        .filter_map(|start| FittedPrimitive::from_start(start, points, variance, size))
+        .filter(FittedPrimitive::passes)
+        .collect();
+    candidates.sort_by(|a, b| a.bic.total_cmp(&b.bic));
+    // Several starts may have ended in one shape.
+    let mut kinds = Vec::new();
+    candidates.retain(|c| {
+        let new = !kinds.contains(&c.primitive.name());
+        kinds.push(c.primitive.name());
+        new
+    });
+    let best = candidates.first()?;
+    let weights: Vec<f64> = candidates.iter().map(|c| (-0.5 * (c.bic - best.bic)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let typical = variance.iter().sum::<f64>() / variance.len() as f64;
+    let excess = (best.chi_square / best.degrees - 1.0).max(0.0);
+    let doubt = typical * (excess + (2.0 / best.degrees).sqrt());
+    Some(Classification {
+        probabilities: weights.into_iter().map(|w| w / total).collect(),
+        candidates,
+        doubt,
+    })
+}
+
+impl Classification {
+    /// The likeliest shape.
+    #[must_use]
+    pub fn best(&self) -> &FittedPrimitive {
+        &self.candidates[0]
+    }
+
+    /// The surface beside a place whose normal is about so.
+    #[must_use]
+    pub fn predict(&self, place: [f64; 3], facing: [f64; 3]) -> Prediction {
+        let best = self.best();
+        let (d, away, _) = best.primitive.distance(place);
+        let point = add_scaled(place, -d, away);
+        let (_, _, row) = best.primitive.distance(point);
+        let of_place = (row.transpose() * best.covariance * row)[(0, 0)];
+        let of_kind: f64 = (self.candidates.iter().zip(&self.probabilities))
+            .map(|(other, p)| p * other.primitive.distance(point).0.powi(2))
+            .sum();
+        Prediction {
+            point,
+            normal: if dot(away, facing) < 0.0 {
+                scale(-1.0, away)
+            } else {
+                away
+            },
+            variance: of_place + of_kind + self.doubt,
+        }
+    }
+}
+
+fn mean(points: &[[f64; 3]]) -> [f64; 3] {
+    scale(
+        1.0 / points.len() as f64,
+        points.iter().fold([0.0; 3], |s, p| add(s, *p)),
+    )
+}
+
+/// First guesses: the plane of least squares, the sphere of the algebraic fit, and cylinders along the directions that normals avoid.
+fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Primitive> {
+    let moments = |of: &[[f64; 3]], centre: [f64; 3]| {
+        upper_triangle(|i, j| of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum())
+    };
+    let (axes, _) = symmetric_eigen(moments(points, middle));
+    let mut all = vec![Primitive::Plane {
+        point: middle,
+        normal: axes[2],
+    }];
+    all.extend(algebraic_sphere(points, middle));
+    let (of_normals, _) = symmetric_eigen(moments(normals, [0.0; 3]));
+    let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
+    all.extend(
+        directions
+            .into_iter()
+            .filter_map(|d| algebraic_cylinder(points, middle, d)),
+    );
+    all
+}
+
+/// `|p|² = 2 c·p + k`, linear in `c` and `k`.
+fn algebraic_sphere(points: &[[f64; 3]], middle: [f64; 3]) -> Option<Primitive> {
+    let (mut matrix, mut right) = (Matrix4::zeros(), Vector4::zeros());
+    for p in points {
+        let r = sub(*p, middle);
+        let row = Vector4::new(2.0 * r[0], 2.0 * r[1], 2.0 * r[2], 1.0);
+        matrix += row * row.transpose();
+        right += row * dot(r, r);
+    }
+    let x = matrix.cholesky()?.solve(&right);
+    let centre = [x[0], x[1], x[2]];
+    let square = x[3] + dot(centre, centre);
+    (square > 0.0).then(|| Primitive::Sphere {
+        centre: add(middle, centre),
+        radius: square.sqrt(),
+    })
+}
+
+/// The same across a direction.
+fn algebraic_cylinder(points: &[[f64; 3]], middle: [f64; 3], direction: [f64; 3]) -> Option<Primitive> {
+    let (e1, e2) = tangents(direction);
+    let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for p in points {
+        let r = sub(*p, middle);
+        let (x, y) = (dot(r, e1), dot(r, e2));
+        let row = Vector3::new(2.0 * x, 2.0 * y, 1.0);
+        matrix += row * row.transpose();
+        right += row * (x * x + y * y);
+    }
+    let x = matrix.cholesky()?.solve(&right);
+    let square = x[2] + x[0] * x[0] + x[1] * x[1];
+    (square > 0.0).then(|| Primitive::Cylinder {
+        point: add_scaled(add_scaled(middle, x[0], e1), x[1], e2),
+        direction,
+        radius: square.sqrt(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt as _, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    const SIGMA: f64 = 0.02;
+
+    /// Readings of a surface around a gap: where `1 < |(x, y)| < 2` of its own parameters.
+    fn ring(seed: u64, surface: impl Fn(f64, f64) -> ([f64; 3], [f64; 3])) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        while points.len() < 800 {
+            let [x, y] = [0; 2].map(|_| 4.0 * rng.random::<f64>() - 2.0);
+            if !(1.0..2.0).contains(&x.hypot(y)) {
+                continue;
+            }
+            let (p, n) = surface(x, y);
+            points.push(add_scaled(p, SIGMA * rng.sample::<f64, _>(StandardNormal), n));
+            normals.push(n);
+        }
+        (points, normals)
+    }
+
+    fn ball(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
+        let n = unit([x, y, 3.0]).unwrap();
+        (add_scaled([5.0, 1.0, 0.0], 4.0, n), n)
+    }
+
+    fn pipe(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
+        let (sin, cos) = (x / 3.0).sin_cos();
+        ([3.0 * sin, y + 0.1, 3.0 * cos], [sin, 0.0, cos])
+    }
+
+    fn table(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
+        let n = unit([0.2, -0.1, 1.0]).unwrap();
+        let (e1, e2) = tangents(n);
+        (add_scaled(add_scaled([1.0, 2.0, 3.0], x, e1), y, e2), n)
+    }
+
+    #[test]
+    fn plane_sphere_and_cylinder_are_told_apart_and_predict_the_gap_within_their_sigma() {
+        type Surface = fn(f64, f64) -> ([f64; 3], [f64; 3]);
+        for (name, surface) in [("sphere", ball as Surface), ("cylinder", pipe), ("plane", table)] {
+            let mut squares = 0.0;
+            let runs = 40;
+            for seed in 0..runs {
+                let (points, normals) = ring(seed, surface);
+                let found = classify(&points, &normals, &vec![SIGMA * SIGMA; points.len()]).unwrap();
+                assert_eq!(found.best().primitive.name(), name);
+                let (p, n) = surface(0.1, -0.2);
+                let predicted = found.predict(p, n);
+                // The doubt is no error of these exact shapes.
+                let variance = predicted.variance - found.doubt;
+                squares += dot(sub(p, predicted.point), n).powi(2) / variance / runs as f64;
+                assert!(dot(predicted.normal, n) > 0.999);
+            }
+            // The mean of forty squares: 1 ± 0.22.
+            assert!((0.45..1.7).contains(&squares), "{name}: {squares}");
+        }
+    }
+
+    #[test]
+    fn a_freeform_is_none_of_them() {
+        let wavy = |x: f64, y: f64| {
+            let z = 0.2 * (2.0 * x).sin() * (1.5 * y).cos();
+            ([x, y, z], [0.0, 0.0, 1.0])
+        };
+        let (points, normals) = ring(3, wavy);
+        assert!(classify(&points, &normals, &vec![SIGMA * SIGMA; points.len()]).is_none());
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let d = unit([0.3, -0.5, 0.8]).unwrap();
+        let point = [0.4, 0.1, -0.2];
+        let shapes = [
+            Primitive::Plane { point, normal: d },
+            Primitive::Sphere {
+                centre: point,
+                radius: 0.7,
+            },
+            Primitive::Cylinder {
+                point,
+                direction: d,
+                radius: 0.6,
+            },
+        ];
+        for shape in shapes {
+            let z = [1.0, -0.6, 0.9];
+            let (_, _, row) = shape.distance(z);
+            for k in 0..shape.parameters() {
+                let step = |h: f64| {
+                    let mut by = SVector::zeros();
+                    by[k] = h;
+                    shape.moved(&by).distance(z).0
+                };
+                let h = 1e-6;
+                assert!(
+                    ((step(h) - step(-h)) / (2.0 * h) - row[k]).abs() < 1e-8,
+                    "{} {k}",
+                    shape.name()
+                );
+            }
+        }
+    }
+}

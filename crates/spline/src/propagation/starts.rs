@@ -1,0 +1,163 @@
+//! Where the search for a symmetry starts.
+
+use super::facets::Facets;
+use super::maps::Symmetry;
+use super::symmetry::SymmetryKind;
+use crate::{principal_axes, symmetric_eigen};
+use nalgebra::{Matrix3, Vector3};
+use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit, upper_triangle};
+use std::f64::consts::TAU;
+
+/// Random pairs of pieces that are looked at, and how many of them become starts.
+const LOOKED_AT: u64 = 20_000;
+const MOST_STARTS: usize = 200;
+/// Pieces that are each other's images face each other's way to within this cosine.
+const LEAST_COSINE: f64 = 0.97;
+/// Pairs nearer than so many sides place nothing.
+const LEAST_APART: f64 = 3.0;
+
+/// First guesses of a symmetry.
+pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> Vec<Symmetry> {
+    let points: Vec<[f64; 3]> = facets.all.iter().map(|f| f.point).collect();
+    let (_, axes, _) = principal_axes(&points);
+    match kind {
+        SymmetryKind::Rotation { order, towards } => {
+            let complex = LineComplex::of(facets, middle);
+            let directions = towards
+                .into_iter()
+                .chain(complex.directions())
+                .chain(axes)
+                .filter_map(unit);
+            let mut all: Vec<Symmetry> = directions
+                .map(|direction| Symmetry::Rotation {
+                    point: add(middle, complex.point(direction)),
+                    direction,
+                    order,
+                })
+                .collect();
+            if let Some(order) = order {
+                all.extend(random_pairs(facets, |a, b| turn_between(facets, a, b, order)));
+            }
+            all
+        }
+        SymmetryKind::Mirror { towards } => {
+            let through_middle = towards.into_iter().chain(axes).filter_map(unit);
+            let mut all: Vec<Symmetry> = through_middle
+                .map(|normal| Symmetry::Mirror { point: middle, normal })
+                .collect();
+            all.extend(random_pairs(facets, |a, b| plane_between(facets, a, b)));
+            all
+        }
+    }
+}
+
+/// What the first random pairs give that are each other's images in some symmetry.
+fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry>) -> Vec<Symmetry> {
+    let count = facets.all.len() as u64;
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut next = || {
+        // An xorshift generator (Marsaglia 2003).
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) % count
+    };
+    let candidates = (0..LOOKED_AT).filter_map(|_| {
+        let (a, b) = (next() as usize, next() as usize);
+        guess(a, b)
+    });
+    candidates.take(MOST_STARTS).collect()
+}
+
+/// The plane in the middle between two pieces, if each faces as the other's image does.
+fn plane_between(facets: &Facets, a: usize, b: usize) -> Option<Symmetry> {
+    let (a, b) = (&facets.all[a], &facets.all[b]);
+    let apart = sub(b.point, a.point);
+    let normal = unit(apart)?;
+    let image = add_scaled(a.normal, -2.0 * dot(a.normal, normal), normal);
+    (dot(apart, normal) > LEAST_APART * facets.side && dot(image, b.normal) > LEAST_COSINE).then(|| Symmetry::Mirror {
+        point: scale(0.5, add(a.point, b.point)),
+        normal,
+    })
+}
+
+/// The axis about which a turn by `2π/order` carries one piece to another, normals included.
+fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symmetry> {
+    let (a, b) = (&facets.all[a], &facets.all[b]);
+    let apart = sub(b.point, a.point);
+    if dot(apart, apart) < (LEAST_APART * facets.side).powi(2) {
+        return None;
+    }
+    // The axis lies in the plane of the bisector of both normals and of what stands on them; its angle β with either
+    // follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ that of the turn.
+    let half = 0.5 * TAU / f64::from(order);
+    let (sum, across) = (add(a.normal, b.normal), cross(a.normal, b.normal));
+    let (bisector, across) = (unit(sum)?, unit(across)?);
+    let cos_half = 0.5 * dot(sum, sum).sqrt();
+    let sin_beta = (1.0 - cos_half * cos_half).max(0.0).sqrt() / half.sin();
+    if sin_beta > 1.0 {
+        return None;
+    }
+    let along = (1.0 - sin_beta * sin_beta).sqrt() / cos_half;
+    let rest = (1.0 - along * along).max(0.0).sqrt();
+    [1.0, -1.0].into_iter().find_map(|sign| {
+        let direction = unit(add_scaled(scale(rest, across), sign * along, bisector))?;
+        let slide = dot(apart, direction);
+        let flat = add_scaled(apart, -slide, direction);
+        (slide.abs() < facets.side).then(|| Symmetry::Rotation {
+            point: add_scaled(
+                scale(0.5, add(a.point, b.point)),
+                0.5 / half.tan(),
+                cross(direction, flat),
+            ),
+            direction,
+            order: Some(order),
+        })
+    })
+}
+
+/// The sums of a linear line complex: an axis `(d, m)` meets the normal line of `p` where `m·n + d·(p × n) = 0`.
+struct LineComplex {
+    moments: Matrix3<f64>,
+    mixed: Matrix3<f64>,
+    normals: Matrix3<f64>,
+}
+
+impl LineComplex {
+    fn of(facets: &Facets, middle: [f64; 3]) -> Self {
+        let mut made = Self {
+            moments: Matrix3::zeros(),
+            mixed: Matrix3::zeros(),
+            normals: Matrix3::identity() * (1e-9 * facets.all.len() as f64),
+        };
+        for facet in &facets.all {
+            let n = Vector3::from(facet.normal);
+            let moment = Vector3::from(cross(sub(facet.point, middle), facet.normal));
+            made.moments += moment * moment.transpose();
+            made.mixed += n * moment.transpose();
+            made.normals += n * n.transpose();
+        }
+        made
+    }
+
+    /// `m` of the axis with this direction that is nearest to all normal lines.
+    fn moment(&self, d: Vector3<f64>) -> Vector3<f64> {
+        self.normals
+            .cholesky()
+            .map_or_else(Vector3::zeros, |c| -c.solve(&(self.mixed * d)))
+    }
+
+    /// The stationary directions, the nearest to all normal lines last.
+    fn directions(&self) -> [[f64; 3]; 3] {
+        let Some(factor) = self.normals.cholesky() else {
+            return [[0.0; 3]; 3];
+        };
+        let left = self.moments - self.mixed.transpose() * factor.solve(&self.mixed);
+        symmetric_eigen(upper_triangle(|i, j| 0.5 * (left[(i, j)] + left[(j, i)]))).0
+    }
+
+    /// A point of the axis of this direction, from the middle.
+    fn point(&self, d: [f64; 3]) -> [f64; 3] {
+        cross(d, self.moment(Vector3::from(d)).into())
+    }
+}

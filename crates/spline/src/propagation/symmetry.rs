@@ -1,0 +1,314 @@
+//! The symmetry of a cloud: an axis or a plane by least squares, with its covariance, and the test of whether there is one.
+//!
+//! A symmetry lays pieces of the surface on one another. Of each pair the residual is how far the image of one lies above the quadric of the other,
+//! `r = n·(g(p) − q)`; the axis or plane is where `Σ w r²` is least (Gauss–Newton, with Tukey's weights, because parts may break the symmetry).
+//! Starts are the axis that is nearest to all normals (a linear line complex), principal axes, and the maps of random pairs of pieces; the mean of a
+//! cloud is none of them, because of a thing that was seen from one side it does not lie on the axis.
+//!
+//! Normals of pieces are noisy, and noise in `J` would look like information: the derivative by the normal of the image stands in as an instrument `Z`, as
+//! its error is independent of that of `r` and `J`. A piece is in many pairs. With `r = J θ + Σ_f M_f ε_f` and independent errors `ε_f` of the pieces, the
+//! estimate `θ̂ = −N⁻¹ Zᵀ W r`, `N = Zᵀ W J`, has the covariance `N⁻¹ (Σ_f Zᵀ W M_f C_f M_fᵀ W Z) N⁻ᵀ`, whatever the weights.
+//!
+//! Not guaranteed: the best of several symmetries of one kind.
+//!
+//! # References
+//! Pottmann & Randrup, *Rotational and helical surface approximation for reverse engineering*, Computing 60 (1998), for the line complex.
+
+use super::facets::{COEFFICIENTS, Facets};
+use super::maps::{MOST_PARAMETERS, Symmetry};
+use super::pairs::{Pair, pairs};
+use super::starts::starts;
+use nalgebra::{SMatrix, SVector};
+use planish_estimate::vector3::{add, scale};
+use rayon::prelude::*;
+
+/// Reach of pairs over the side of the pieces: at the start and at the end.
+const FIRST_REACH: f64 = 2.0;
+const LAST_REACH: f64 = 0.9;
+/// Steps of a start, and at the end.
+const START_STEPS: usize = 6;
+const STEPS: usize = 16;
+/// Pieces that starts are compared by, and how many starts are followed to the end.
+const START_SOURCES: usize = 160;
+const FOLLOWED: usize = 8;
+/// A symmetry is none where its pieces depart by more than this share of the size beyond their noise.
+const MOST_DEPARTURE: f64 = 0.001;
+/// Departures at the start, over the size.
+const FIRST_DEPARTURE: f64 = 0.03;
+/// Tukey's constant, and the number of σ within which a piece agrees.
+const TUKEY: f64 = 4.685;
+const AGREES: f64 = 3.5;
+/// Of a symmetry more than this share of the pieces agree: a one-sided test at 5 %.
+const LEAST_AGREEMENT: f64 = 0.8;
+const ONE_SIDED: f64 = 1.645;
+/// Pieces compared, at least, and their share.
+const LEAST_COMPARED: usize = 20;
+const LEAST_COMPARED_SHARE: f64 = 0.15;
+/// σ of a symmetry's place over the size of the cloud, at most.
+const MOST_SHIFT: f64 = 0.02;
+/// σ of a plane's tilt in radians, at most.
+const MOST_TILT: f64 = 0.05;
+/// The median of the absolute value of a normal number times this is its σ.
+const FROM_MEDIAN: f64 = 1.4826;
+/// Orders of rotation that are proposed.
+const PROPOSED_ORDERS: [u32; 5] = [6, 5, 4, 3, 2];
+
+/// Which symmetry to look for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SymmetryKind {
+    /// About an axis.
+    Rotation {
+        /// How many times a turn repeats the shape; any angle where there is none.
+        order: Option<u32>,
+        /// About where the axis points; a start, no more.
+        towards: Option<[f64; 3]>,
+    },
+    /// In a plane.
+    Mirror {
+        /// About where the normal points; a start, no more.
+        towards: Option<[f64; 3]>,
+    },
+}
+
+/// A symmetry that was found.
+#[derive(Debug, Clone)]
+pub struct FittedSymmetry {
+    /// The symmetry.
+    pub symmetry: Symmetry,
+    /// Covariance of its shifts (unit of length squared) and tilts (radians squared): along the tangents of an axis, along the normal of a plane.
+    pub covariance: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    /// How far images depart from what they meet beyond the noise of both, as a standard deviation.
+    pub departure: f64,
+    /// Pieces that meet another, and how many of them agree with it.
+    pub compared: usize,
+    /// See `compared`.
+    pub agreeing: usize,
+    /// For each piece, whether its images may stand for readings.
+    pub obeys: Vec<bool>,
+    /// Whether the cloud supports it: enough pieces were compared, more than 80 % of them agree, and its place is known.
+    pub supported: bool,
+}
+
+impl FittedSymmetry {
+    /// The one that more pieces speak for.
+    fn evidence(&self) -> f64 {
+        self.agreeing as f64 - LEAST_AGREEMENT * self.compared as f64
+    }
+
+    /// Variance that the errors of the symmetry give the image of a point, along a direction.
+    #[must_use]
+    pub fn image_variance(&self, angle: Option<f64>, point: [f64; 3], along: [f64; 3]) -> f64 {
+        let map = angle.map_or(super::maps::Map::Reflect, super::maps::Map::turn);
+        let derivatives = self.symmetry.derivatives(map, point);
+        let row =
+            SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| planish_estimate::vector3::dot(along, derivatives[k]));
+        (row.transpose() * self.covariance * row)[(0, 0)].max(0.0)
+    }
+
+    /// σ of its place along each direction it is determined in, then of its direction in radians.
+    #[must_use]
+    pub fn sigmas(&self) -> (Vec<f64>, [f64; 2]) {
+        let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
+        let shifts = self.symmetry.parameters() - 2;
+        ((0..shifts).map(sigma).collect(), [sigma(shifts), sigma(shifts + 1)])
+    }
+}
+
+/// The symmetry of this kind that a cloud is nearest to, supported or not; none where no pieces meet.
+#[must_use]
+pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetry> {
+    let count = facets.all.len();
+    let middle = scale(
+        1.0 / count as f64,
+        facets.all.iter().fold([0.0; 3], |s, f| add(s, f.point)),
+    );
+    let stride = count.div_ceil(START_SOURCES);
+    let mut tried: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
+        .into_par_iter()
+        .map(|start| {
+            let found = pairs(facets, &start, FIRST_REACH * facets.side, stride);
+            (agreement(&found, 2.0 * FIRST_DEPARTURE * facets.size), start)
+        })
+        .collect();
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    tried.truncate(FOLLOWED);
+    let followed: Vec<(f64, Symmetry)> = tried
+        .into_par_iter()
+        .map(|(_, start)| {
+            let found = refine(facets, start, middle, START_STEPS, stride);
+            let met = pairs(facets, &found, FIRST_REACH * facets.side, stride);
+            (agreement(&met, MOST_DEPARTURE * facets.size), found)
+        })
+        .collect();
+    let (_, best) = followed.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let best = refine(facets, best, middle, STEPS, 1);
+    judge(facets, best)
+}
+
+/// The symmetry that a cloud supports, if any: of revolution before all others, then the one that most pieces speak for.
+#[must_use]
+pub fn propose_symmetry(facets: &Facets) -> Option<FittedSymmetry> {
+    let rotation = |order| SymmetryKind::Rotation { order, towards: None };
+    let supported = |kind| fit_symmetry(facets, kind).filter(|found| found.supported);
+    supported(rotation(None)).or_else(|| {
+        let mirror = supported(SymmetryKind::Mirror { towards: None });
+        let turns = PROPOSED_ORDERS.map(|order| supported(rotation(Some(order))));
+        // A rotation by a quarter is one by half, too: on equal terms the higher order comes first.
+        let all = turns.into_iter().chain([mirror]).flatten();
+        all.fold(None, |best: Option<FittedSymmetry>, next| match best {
+            Some(best) if best.evidence() >= next.evidence() => Some(best),
+            _ => Some(next),
+        })
+    })
+}
+
+/// How many pieces agree, the nearer the more.
+fn agreement(found: &[Pair], within: f64) -> f64 {
+    let (mut score, mut last, mut best) = (0.0, u32::MAX, 0.0_f64);
+    for pair in found {
+        if pair.from != last {
+            score += best;
+            (last, best) = (pair.from, 0.0);
+        }
+        best = best.max(1.0 - (pair.residual / within).powi(2));
+    }
+    score + best
+}
+
+/// Gauss–Newton from a start.
+fn refine(facets: &Facets, start: Symmetry, middle: [f64; 3], steps: usize, stride: usize) -> Symmetry {
+    let mut symmetry = start.near(middle);
+    for step in 0..steps {
+        let share = (step as f64 / (steps as f64 * 0.6)).min(1.0);
+        let reach = facets.side * (FIRST_REACH + share * (LAST_REACH - FIRST_REACH));
+        let found = pairs(facets, &symmetry, reach, stride);
+        let most = FIRST_DEPARTURE * facets.size * (0.02_f64).powf(share);
+        let departure = departure_of(&found).clamp(0.0, most.max(MOST_DEPARTURE * facets.size));
+        let normal = Normal::of(&symmetry, &found, departure, facets.size);
+        let Some(by) = normal.step() else { break };
+        symmetry = symmetry.moved(by.as_slice()).near(middle);
+    }
+    symmetry
+}
+
+/// What residuals have beyond the noise of the pieces, as a standard deviation; robust.
+fn departure_of(found: &[Pair]) -> f64 {
+    if found.is_empty() {
+        return 0.0;
+    }
+    let median = |mut values: Vec<f64>| {
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let spread = FROM_MEDIAN * median(found.iter().map(|p| p.residual.abs()).collect());
+    let noise = median(found.iter().map(|p| p.variance).collect());
+    (spread * spread - noise).max(0.0).sqrt()
+}
+
+/// The normal equations of one step.
+struct Normal {
+    matrix: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    right: SVector<f64, MOST_PARAMETERS>,
+    /// What is known before: the place to within the size, the direction to within a radian.
+    before: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    weights: Vec<f64>,
+}
+
+impl Normal {
+    fn of(symmetry: &Symmetry, found: &[Pair], departure: f64, size: f64) -> Self {
+        let shifts = symmetry.parameters() - 2;
+        let before = SMatrix::from_diagonal(&SVector::from_fn(|k, _| if k < shifts { size.powi(-2) } else { 1.0 }));
+        let mut made = Self {
+            matrix: before,
+            right: SVector::zeros(),
+            before,
+            weights: Vec::with_capacity(found.len()),
+        };
+        for pair in found {
+            let variance = pair.variance + departure * departure;
+            let far = pair.residual / (TUKEY * variance.sqrt());
+            let w = pair.weight * (1.0 - far * far).max(0.0).powi(2) / variance;
+            let product = pair.instrument * pair.by_symmetry.transpose() * (0.5 * w);
+            made.matrix += product + product.transpose();
+            made.right -= pair.instrument * (w * pair.residual);
+            made.weights.push(w);
+        }
+        made
+    }
+
+    fn step(&self) -> Option<SVector<f64, MOST_PARAMETERS>> {
+        Some(self.matrix.cholesky()?.solve(&self.right))
+    }
+
+    /// The covariance of the estimate from that of the pieces, each of which departs by its share of `departure`.
+    fn covariance(
+        &self,
+        facets: &Facets,
+        found: &[Pair],
+        departure: f64,
+    ) -> Option<SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>> {
+        let inverse = self.matrix.cholesky()?.inverse();
+        let mut by_facet = vec![SMatrix::<f64, MOST_PARAMETERS, COEFFICIENTS>::zeros(); facets.all.len()];
+        for (pair, &w) in found.iter().zip(&self.weights) {
+            let gain = inverse * pair.instrument * w;
+            by_facet[pair.from as usize] += gain * pair.by_from.transpose();
+            by_facet[pair.to as usize] += gain * pair.by_to.transpose();
+        }
+        let mut covariance = inverse * self.before * inverse;
+        for (facet, gain) in facets.all.iter().zip(&by_facet) {
+            let mut own = *facet.covariance();
+            own[(0, 0)] += 0.5 * departure * departure;
+            covariance += gain * own * gain.transpose();
+        }
+        Some(covariance)
+    }
+}
+
+/// Says how well the cloud obeys a symmetry that was refined.
+fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
+    let found = pairs(facets, &symmetry, LAST_REACH * facets.side, 1);
+    let departure = departure_of(&found);
+    let allowed = departure.min(MOST_DEPARTURE * facets.size);
+    let normal = Normal::of(&symmetry, &found, allowed, facets.size);
+    let covariance = normal.covariance(facets, &found, allowed)?;
+    // The residuals of each piece, both as image and as what images meet, in σ of their mean.
+    let mut means = vec![(0.0, 0.0, 0.0); facets.all.len()];
+    for pair in &found {
+        for facet in [pair.from, pair.to] {
+            let (sum, squares, weight): &mut (f64, f64, f64) = &mut means[facet as usize];
+            *sum += pair.weight * pair.residual.abs();
+            *squares += pair.weight * (pair.variance + allowed * allowed);
+            *weight += pair.weight;
+        }
+    }
+    let agrees = |&(sum, squares, weight): &(f64, f64, f64)| sum / weight <= AGREES * (squares / weight).sqrt();
+    let met = |m: &&(f64, f64, f64)| m.2 > 0.0;
+    let compared = means.iter().filter(met).count();
+    let agreeing = means.iter().filter(met).filter(|m| agrees(m)).count();
+    let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
+    let obeys = means
+        .iter()
+        .map(|m| if m.2 > 0.0 { agrees(m) } else { !ring })
+        .collect();
+    let mut made = FittedSymmetry {
+        symmetry,
+        covariance,
+        departure: departure + allowed * 0.5 / (compared.max(1) as f64).sqrt(),
+        compared,
+        agreeing,
+        obeys,
+        supported: false,
+    };
+    let (shifts, tilts) = made.sigmas();
+    let n = compared as f64;
+    let enough = compared >= LEAST_COMPARED && n >= LEAST_COMPARED_SHARE * facets.all.len() as f64;
+    let more_than_chance = made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
+    let placed = shifts.iter().all(|s| *s < MOST_SHIFT * facets.size);
+    let mirror = matches!(symmetry, Symmetry::Mirror { .. });
+    let turned = !mirror || tilts.iter().all(|t| *t < MOST_TILT);
+    made.supported = enough && more_than_chance && placed && turned;
+    Some(made)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,165 @@
+use super::*;
+use planish_estimate::vector3::{cross, dot, sub, tangents, unit};
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+const SIGMA: f64 = 0.01;
+const AXIS: [f64; 3] = [0.2, -0.3, 0.932_737_905_308_881_5];
+const POINT: [f64; 3] = [5.0, -2.0, 1.0];
+
+/// A cloud over `(h, a)` with `r(h, a)` about an axis, seen from one side where `half_angle` is less than π.
+fn cloud(seed: u64, half_angle: f64, radius: impl Fn(f64, f64) -> f64) -> Facets {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let d = unit(AXIS).unwrap();
+    let (e1, e2) = tangents(d);
+    let at = |h: f64, a: f64| {
+        let r = radius(h, a);
+        let (sin, cos) = a.sin_cos();
+        [0, 1, 2].map(|k| POINT[k] + h * d[k] + r * (cos * e1[k] + sin * e2[k]))
+    };
+    let (mut points, mut normals) = (Vec::new(), Vec::new());
+    for _ in 0..12_000 {
+        let h = 3.0 * (rng.random::<f64>() - 0.5);
+        let a = half_angle * (2.0 * rng.random::<f64>() - 1.0);
+        let step = 1e-5;
+        let along = sub(at(h + step, a), at(h - step, a));
+        let around = sub(at(h, a + step), at(h, a - step));
+        let n = unit(cross(around, along)).unwrap();
+        let noise = SIGMA * rng.sample::<f64, _>(StandardNormal);
+        let p = at(h, a);
+        points.push([0, 1, 2].map(|k| p[k] + noise * n[k]));
+        normals.push(n);
+    }
+    Facets::new(&points, &normals, &vec![SIGMA * SIGMA; points.len()], true).unwrap()
+}
+
+fn vase(h: f64, _: f64) -> f64 {
+    1.0 + 0.3 * (2.0 * h).sin() + 0.1 * h
+}
+
+/// The deviation of an estimate in its own parameters: shifts, tilts.
+fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
+    let Symmetry::Rotation { point, direction, .. } = found.symmetry else {
+        panic!("no rotation");
+    };
+    let mut d = unit(AXIS).unwrap();
+    if dot(d, direction) < 0.0 {
+        d = d.map(|c| -c);
+    }
+    let (e1, e2) = tangents(direction);
+    // The true axis where it passes the estimated point.
+    let along = dot(sub(point, POINT), direction) / dot(d, direction);
+    let there = [0, 1, 2].map(|k| POINT[k] + along * d[k]);
+    let off = sub(there, point);
+    [dot(off, e1), dot(off, e2), dot(d, e1), dot(d, e2)]
+}
+
+#[test]
+fn axis_of_a_vase_seen_from_one_side_lies_within_its_sigma() {
+    let mut nees = 0.0;
+    let runs = 12;
+    for seed in 0..runs {
+        let facets = cloud(seed, 1.1, vase);
+        let kind = SymmetryKind::Rotation {
+            order: None,
+            towards: None,
+        };
+        let found = fit_symmetry(&facets, kind).unwrap();
+        assert!(found.supported, "{} of {} agree", found.agreeing, found.compared);
+        let e = SVector::from(axis_errors(&found));
+        nees += (e.transpose() * found.covariance.try_inverse().unwrap() * e)[(0, 0)] / runs as f64;
+        assert!(e.norm() < 0.05, "{e}");
+    }
+    // The mean of 48 squares of normal numbers, four at a time: 4 ± 0.82.
+    assert!((1.7..6.8).contains(&nees), "{nees}");
+}
+
+#[test]
+fn plane_of_a_mirrored_shape_lies_within_its_sigma() {
+    let mut nees = 0.0;
+    let runs = 10;
+    for seed in 0..runs {
+        // Even in the angle: the mirror plane holds the axis and e1.
+        let shape = |h: f64, a: f64| vase(h, a) + 0.2 * (a.cos() * (1.5 * h).cos()) + 0.1 * (2.0 * a).cos() * h;
+        let facets = cloud(seed, 2.0, shape);
+        let found = fit_symmetry(&facets, SymmetryKind::Mirror { towards: None }).unwrap();
+        assert!(found.supported, "{} of {} agree", found.agreeing, found.compared);
+        let (_, e2) = tangents(unit(AXIS).unwrap());
+        let Symmetry::Mirror { point, normal } = found.symmetry else {
+            panic!("no mirror");
+        };
+        let m = if dot(e2, normal) < 0.0 { e2.map(|c| -c) } else { e2 };
+        let (t1, t2) = tangents(normal);
+        let shift = dot(sub(POINT, point), m) / dot(m, normal);
+        let e = nalgebra::Vector3::new(shift, dot(m, t1), dot(m, t2));
+        let covariance = found.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        nees += (e.transpose() * covariance.try_inverse().unwrap() * e)[(0, 0)] / runs as f64;
+        assert!(e.norm() < 0.05, "{e}");
+    }
+    assert!((1.2..5.4).contains(&nees), "{nees}");
+}
+
+#[test]
+fn what_is_proposed_is_there_and_a_freeform_has_none() {
+    let facets = cloud(1, 1.2, vase);
+    let found = propose_symmetry(&facets).unwrap();
+    assert!(matches!(found.symmetry, Symmetry::Rotation { order: None, .. }));
+
+    let three = |h: f64, a: f64| 1.5 + 0.1 * (h + 0.4).powi(2) + 0.2 * (3.0 * a + 0.8 * h).cos();
+    let found = propose_symmetry(&cloud(2, std::f64::consts::PI, three)).unwrap();
+    assert!(
+        matches!(found.symmetry, Symmetry::Rotation { order: Some(3), .. }),
+        "{:?}",
+        found.symmetry
+    );
+    assert!(axis_errors(&found).iter().all(|e| e.abs() < 0.02));
+
+    for seed in 3..6 {
+        let s = seed as f64;
+        let free = |h: f64, a: f64| {
+            1.4 + 0.25 * (a + s).cos() * (h + 0.3 * s).sin()
+                + 0.15 * (2.0 * a - h + s).sin()
+                + 0.1 * (3.0 * a + 2.0 * h).cos()
+        };
+        let found = propose_symmetry(&cloud(seed, std::f64::consts::PI, free));
+        assert!(
+            found.is_none(),
+            "{:?}",
+            found.map(|f| (f.symmetry, f.agreeing, f.compared))
+        );
+    }
+}
+
+#[test]
+fn a_handle_is_no_part_of_the_revolution() {
+    // A bump of a fifth of the radius on one side.
+    let handled = |h: f64, a: f64| vase(h, a) + 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
+    let facets = cloud(7, 1.2, handled);
+    let kind = SymmetryKind::Rotation {
+        order: None,
+        towards: None,
+    };
+    let found = fit_symmetry(&facets, kind).unwrap();
+    assert!(found.supported);
+    let e = axis_errors(&found);
+    assert!(e.iter().all(|e| e.abs() < 0.03), "{e:?}");
+    // Pieces on the bump may not be propagated; most others may.
+    let d = unit(AXIS).unwrap();
+    let (e1, e2) = tangents(d);
+    let (mut on, mut kept_on, mut off, mut kept_off) = (0, 0, 0, 0);
+    for (facet, &obeys) in facets.all.iter().zip(&found.obeys) {
+        let r = sub(facet.point, POINT);
+        let (h, a) = (dot(r, d), dot(r, e2).atan2(dot(r, e1)));
+        let height = 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
+        if height > 0.12 {
+            on += 1;
+            kept_on += usize::from(obeys);
+        } else if height < 0.001 {
+            off += 1;
+            kept_off += usize::from(obeys);
+        }
+    }
+    assert!(on > 0 && kept_on == 0, "{kept_on} of {on}");
+    assert!(kept_off * 10 > off * 8, "{kept_off} of {off}");
+}
