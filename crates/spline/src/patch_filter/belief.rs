@@ -124,6 +124,18 @@ impl PatchBelief {
         }
     }
 
+    /// `hᵀ x` of a sparse row, for each column of the mean.
+    pub(super) fn mean_of(&self, row: &[(u16, f64)]) -> [f64; 3] {
+        let mut mean = [0.0; 3];
+        for (column, m) in mean.iter_mut().enumerate().take(self.columns) {
+            *m = row
+                .iter()
+                .map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column])
+                .sum();
+        }
+        mean
+    }
+
     /// `hᵀ Σ h` of a sparse row.
     pub(super) fn variance_of(&self, row: &[(u16, f64)]) -> f64 {
         let n = self.dimension;
@@ -163,13 +175,10 @@ impl PatchBelief {
                 "a reading without noise says what is known already without doubt",
             ));
         }
+        let predicted = self.mean_of(row);
         let mut residual = [0.0; 3];
-        for (column, r) in residual.iter_mut().enumerate().take(self.columns) {
-            let predicted: f64 = row
-                .iter()
-                .map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column])
-                .sum();
-            *r = value[column] - predicted;
+        for (r, (z, p)) in residual.iter_mut().zip(value.iter().zip(&predicted)).take(self.columns) {
+            *r = z - p;
         }
         workspace.gain.clear();
         workspace.gain.extend(spread.iter().map(|s| s / total));

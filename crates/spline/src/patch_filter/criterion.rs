@@ -61,6 +61,30 @@ pub struct InnovationSum {
     pub count: u64,
     /// `Σ e²/S`
     pub normalized_squared: f64,
+    /// Scalar readings beyond the gate, which the other two leave out.
+    pub far: u64,
+}
+
+/// Readings beyond the gate are gross errors where they are fewer than this share, and shape that the patch does not have where they are more.
+const MOST_GROSS: f64 = 0.25;
+/// Fewer far readings are no shape.
+const LEAST_FAR: u64 = 6;
+/// What a far reading adds to a sum of squares.
+const FAR_SQUARED: f64 = 16.0;
+
+impl InnovationSum {
+    /// Whether so many of the readings are far that they are shape.
+    pub(super) fn far_is_shape(&self) -> bool {
+        self.far >= LEAST_FAR && self.far as f64 > MOST_GROSS * (self.count + self.far) as f64
+    }
+
+    fn with(self, other: &Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            normalized_squared: self.normalized_squared + other.normalized_squared,
+            far: self.far + other.far,
+        }
+    }
 }
 
 impl SubdivisionCriteria {
@@ -70,7 +94,7 @@ impl SubdivisionCriteria {
         innovations: &[InnovationSum; 16],
         curvatures: impl FnOnce() -> Option<[[f64; 2]; 16]>,
     ) -> Option<SubdivisionReason> {
-        if innovations.iter().map(|s| s.count).sum::<u64>() < self.least_readings {
+        if innovations.iter().map(|s| s.count + s.far).sum::<u64>() < self.least_readings {
             return None;
         }
         if let Some(limit) = self.chi_square {
@@ -100,12 +124,13 @@ fn worst_block(innovations: &[InnovationSum; 16], least: u64) -> f64 {
     for row in 0..3 {
         for column in 0..3 {
             let block = [0, 1, 4, 5].map(|k| innovations[4 * row + column + k]);
-            let count: u64 = block.iter().map(|s| s.count).sum();
-            if count < least.max(1) {
+            let all = block.iter().fold(InnovationSum::default(), InnovationSum::with);
+            let far = if all.far_is_shape() { all.far } else { 0 };
+            if all.count + far < least.max(1) {
                 continue;
             }
-            let n = count as f64;
-            let sum: f64 = block.iter().map(|s| s.normalized_squared).sum();
+            let n = (all.count + far) as f64;
+            let sum = all.normalized_squared + FAR_SQUARED * far as f64;
             let spread = 2.0 / (9.0 * n);
             worst = worst.max(((sum / n).cbrt() - 1.0 + spread) / spread.sqrt());
         }

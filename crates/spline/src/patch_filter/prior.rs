@@ -82,14 +82,15 @@ pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
     Surface::new(coarse, vertices)?.refined(Arc::clone(space))
 }
 
-/// Prior covariances of patches for weight 1.
-pub(super) struct PatchPriors {
+/// Covariances of patches' vertices, from information over nodes.
+pub(super) struct PatchCovariances {
     factor: CholeskyFactor,
     nodes: usize,
 }
 
-impl PatchPriors {
-    pub fn new(space: &Arc<Hierarchy>, metric: &Surface, hold: f64) -> Result<Self> {
+impl PatchCovariances {
+    /// Those of the prior, for weight 1.
+    pub fn of_prior(space: &Arc<Hierarchy>, metric: &Surface, hold: f64) -> Result<Self> {
         let system = SurfaceSystem::new(space)?;
         let unit = SmoothnessPrior { weight: 1.0, hold };
         Ok(Self {
@@ -98,7 +99,15 @@ impl PatchPriors {
         })
     }
 
-    /// `E Λ⁻¹ Eᵀ` with the patch's extraction `E`. Cost: one solve of the prior's factor for 49 columns.
+    /// Those of any information of one coordinate over the nodes.
+    pub fn of_information(space: &Arc<Hierarchy>, information: &BlockInformation) -> Result<Self> {
+        Ok(Self {
+            factor: SurfaceSystem::new(space)?.factorize_scalar(information)?,
+            nodes: space.node_count(),
+        })
+    }
+
+    /// `E Λ⁻¹ Eᵀ` with the patch's extraction `E`. Cost: one solve of the factor for 49 columns.
     pub fn covariance(&self, quadtree: &Quadtree, patch: usize) -> Result<DMatrix<f64>> {
         let rows = quadtree.extraction(patch);
         let mut columns = vec![0.0; self.nodes * VERTICES];
