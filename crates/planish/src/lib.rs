@@ -18,6 +18,7 @@ pub mod progress;
 pub mod saved;
 pub mod sense;
 pub mod simulate;
+pub mod stream;
 #[cfg(test)]
 mod test_support;
 

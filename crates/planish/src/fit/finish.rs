@@ -7,8 +7,9 @@ use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_s
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
+use super::patch::Fused;
 use super::stages::{Settled, extent_of, leaf_areas, observed_leaves, weights};
-use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
+use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
 use crate::model::{PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
@@ -38,13 +39,22 @@ pub(super) fn finish(
         mut at,
         reached_limit,
         reached_tolerance,
+        refined,
+        fused,
     } = settled;
     progress.check("information", 0.9)?;
-    let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-    let mut data = accumulate(&system, &surface, &feet, &information)?;
+    let information = match &fused {
+        Some(fused) => fused.information(observations, &subset, &feet, &noise),
+        None => weights(observations, &subset, &feet, &noise, options.gate, false),
+    };
+    // What patches know is no information of the whole.
+    let mut data = match &fused {
+        Some(_) => system.nothing()?,
+        None => accumulate(&system, &surface, &feet, &information)?,
+    };
     // Degrees of freedom are shared out by what the readings at hand determine of the whole.
     let own = absorbed.as_ref().map(|_| data.clone());
-    if let Some(model) = earlier {
+    if let Some(model) = earlier.filter(|_| fused.is_none()) {
         data.add_scaled(&model.data, 1.0)?;
     }
     if let Some(absorbed) = &absorbed {
@@ -61,12 +71,13 @@ pub(super) fn finish(
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
         measured_coordinates: None,
+        patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
     };
     progress.check("covariance", 0.95)?;
     let covariance = Arc::new(model.covariance(&system)?);
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     let surface = &model.surface;
-    let degrees = if observations.stated.len() == 1 && earlier.is_none() {
+    let degrees = if observations.stated.len() == 1 && earlier.is_none() && fused.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
         let channels = FootChannels::new(observations, &subset);
@@ -78,8 +89,10 @@ pub(super) fn finish(
     };
     let mut observed = observed_leaves(surface, &feet, &information);
     if let Some(model) = earlier {
-        for (now, before) in observed.iter_mut().zip(&model.observed) {
-            *now |= before;
+        let space = surface.space();
+        for (leaf, now) in observed.iter_mut().enumerate() {
+            let [u, v] = space.parameters(leaf, [0.5, 0.5]);
+            *now |= model.observed[model.surface.space().locate(u, v).0];
         }
     }
     if let Some(absorbed) = &absorbed {
@@ -153,6 +166,7 @@ pub(super) fn finish(
             options.max_coefficients
         ));
     }
+    warnings.extend(fused.as_ref().and_then(Fused::warning));
     let poses = pose_reports(set);
     let report = FitReport {
         observations: count,
@@ -161,6 +175,8 @@ pub(super) fn finish(
         coefficients: surface.space().node_count(),
         levels: surface.space().levels(),
         cells: surface.space().leaves().len(),
+        filter: if fused.is_some() { Filter::Patch } else { Filter::Global },
+        refined: refined.levels(),
         rms: (square / placed.max(1) as f64).sqrt(),
         rms_normalised: (chi2 / rows).sqrt(),
         reduced_chi_square: chi2 / (rows * kept - determined).max(1.0),
@@ -243,6 +259,8 @@ pub(super) fn place(
         at,
         reached_limit: false,
         reached_tolerance: false,
+        refined: RefinementLog::default(),
+        fused: None,
         system,
     })
 }

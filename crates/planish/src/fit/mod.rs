@@ -1,6 +1,6 @@
 //! Fusing scans into a surface.
 
-mod engine;
+pub(crate) mod engine;
 mod finish;
 mod growth;
 mod indicator;
@@ -8,11 +8,17 @@ mod known;
 mod large;
 mod noise;
 mod observations;
+mod patch;
+mod refined;
 mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
 pub use observations::{ObservationOptions, Observations, Rejection};
+pub(crate) use patch::first_fit_of;
+pub(crate) use refined::RefinementLog;
+pub use refined::{LevelRefinement, RefineBy};
+pub(crate) use stages::extent_of;
 
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
@@ -37,6 +43,12 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
+    /// How readings are fused.
+    pub filter: Filter,
+    /// No more levels of subdivision beyond the base grid than this; where none is given as many as the readings fill, of the patch filter three.
+    pub max_depth: Option<u8>,
+    /// What asks for subdivision.
+    pub refine_by: RefineBy,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// Readings farther from the surface than this many σ are outliers.
@@ -47,6 +59,17 @@ pub struct FitOptions {
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
+}
+
+/// How readings are fused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// All at once: one sparse information matrix over all control vertices.
+    #[default]
+    Global,
+    /// One after the other: a quadtree of patches with a dense covariance each; memory does not grow with the readings, and σ is known at any time.
+    Patch,
 }
 
 /// How wide things are that stand on the ground and are no part of it.
@@ -65,6 +88,9 @@ impl Default for FitOptions {
             known_parameters: None,
             tolerance: None,
             ground: None,
+            filter: Filter::Global,
+            max_depth: None,
+            refine_by: RefineBy::Residuals,
             max_coefficients: 12_000,
             gate: 4.0,
             held_out_share: 0.1,
@@ -110,6 +136,10 @@ pub struct FitReport {
     pub levels: usize,
     /// Leaf cells.
     pub cells: usize,
+    /// How readings were fused.
+    pub filter: Filter,
+    /// What was divided, level by level, and why.
+    pub refined: Vec<LevelRefinement>,
     /// Root mean square of the residuals along the normals, in the model's unit.
     pub rms: f64,
     /// The same over each residual's σ.
@@ -181,6 +211,9 @@ impl Fit {
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     if let Some(cells) = options.known_parameters {
         return known::fit_known(set, cells, options, progress);
+    }
+    if options.filter == Filter::Patch {
+        return patch::fit_patches(set, options, progress);
     }
     let ground = options.ground.map(|width| ground_options(set.unit, width));
     let sheet = FitOptions {

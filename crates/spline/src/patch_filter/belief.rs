@@ -113,6 +113,13 @@ impl PatchBelief {
         DMatrix::from_row_slice(self.dimension, self.dimension, &self.covariance)
     }
 
+    /// Moves the `k`-th number of the mean by `by(k)`.
+    pub(super) fn translate(&mut self, by: impl Fn(usize) -> f64) {
+        for (k, m) in self.mean.iter_mut().enumerate() {
+            *m += by(k);
+        }
+    }
+
     fn symmetrize(&mut self) {
         let n = self.dimension;
         for i in 0..n {

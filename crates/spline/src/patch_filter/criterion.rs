@@ -27,6 +27,8 @@ pub struct SubdivisionCriteria {
     pub chi_square: Option<f64>,
     /// Scalar readings that a block, and a patch, needs before it is judged.
     pub least_readings: u64,
+    /// No more patches than this, but for what grading asks for.
+    pub most_patches: usize,
 }
 
 impl Default for SubdivisionCriteria {
@@ -37,6 +39,7 @@ impl Default for SubdivisionCriteria {
             discount_noise: true,
             chi_square: Some(3.0),
             least_readings: 24,
+            most_patches: usize::MAX,
         }
     }
 }
@@ -52,6 +55,18 @@ pub enum SubdivisionReason {
     Grading,
     /// It was asked for.
     Requested,
+}
+
+impl SubdivisionReason {
+    /// Which of two reasons is the stronger: readings speak before curvature.
+    pub(super) fn strength(self) -> (u8, f64) {
+        match self {
+            Self::Requested => (3, 0.0),
+            Self::ChiSquare(x) => (2, x),
+            Self::CurvatureVariation(x) => (1, x),
+            Self::Grading => (0, 0.0),
+        }
+    }
 }
 
 /// Squared normalised innovations of one cell.

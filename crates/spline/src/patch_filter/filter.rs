@@ -378,14 +378,26 @@ impl PatchFilter {
     /// As for [`Self::reconcile`].
     pub fn refine(&mut self, criteria: &SubdivisionCriteria) -> Result<Vec<Subdivision>> {
         self.reconcile()?;
-        let reasons: Vec<Option<SubdivisionReason>> = (0..self.members.len())
+        let deepest = self.options.maximum_depth;
+        let mut reasons: Vec<Option<SubdivisionReason>> = (0..self.members.len())
             .map(|p| {
-                if self.quadtree.patches[p].depth >= self.options.maximum_depth {
-                    return None;
-                }
-                criteria.reason(&self.members[p].innovations, || self.curvatures(p))
+                let may = self.quadtree.patches[p].depth < deepest;
+                may.then(|| self.reason(p, criteria)).flatten()
             })
             .collect();
+        // A division makes three patches more; the strongest reasons go first where there is no room for all.
+        let room = criteria.most_patches.saturating_sub(self.members.len()) / 3;
+        let mut wanted: Vec<usize> = (0..reasons.len()).filter(|&p| reasons[p].is_some()).collect();
+        if wanted.len() > room {
+            let strength = |p: usize| reasons[p].map_or((0, 0.0), SubdivisionReason::strength);
+            wanted.sort_by(|&a, &b| {
+                let (a, b) = (strength(a), strength(b));
+                b.0.cmp(&a.0).then(b.1.total_cmp(&a.1))
+            });
+            for &p in &wanted[room..] {
+                reasons[p] = None;
+            }
+        }
         self.divide_for(reasons)
     }
 
@@ -498,6 +510,33 @@ impl PatchFilter {
         let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
         let form = leaf_weights(s, t).map(|w| direction.map(|a| w * a));
         self.variance_of_form(patch as usize, usize::from(cell), &form)
+    }
+
+    /// The covariance that the sixteen coefficients of a leaf cell have, `16 × 16`, the same for every coordinate that is an unknown; none in
+    /// the full layout, where coordinates differ.
+    #[must_use]
+    pub fn leaf_covariance(&self, leaf: usize) -> Option<Vec<f64>> {
+        if self.options.layout == StateLayout::Full {
+            return None;
+        }
+        let &(patch, cell) = self.quadtree.patch_of_leaf.get(leaf)?;
+        let belief = &self.members[patch as usize].belief;
+        let at = |k: usize| vertex_of(usize::from(cell), k);
+        let entry = |k: usize| belief.covariance()[at(k / 16) * VERTICES + at(k % 16)];
+        Some((0..256).map(entry).collect())
+    }
+
+    /// How many leaf patches of the maximum depth the criteria would have divided further.
+    #[must_use]
+    pub fn held_back(&self, criteria: &SubdivisionCriteria) -> usize {
+        let deepest = self.options.maximum_depth;
+        (0..self.members.len())
+            .filter(|&p| self.quadtree.patches[p].depth >= deepest && self.reason(p, criteria).is_some())
+            .count()
+    }
+
+    fn reason(&self, patch: usize, criteria: &SubdivisionCriteria) -> Option<SubdivisionReason> {
+        criteria.reason(&self.members[patch].innovations, || self.curvatures(patch))
     }
 
     /// σ of the surface along its normal at `(u, v)`; none where it has no normal.
