@@ -10,6 +10,7 @@
 use super::engine::{Foot, FootState, project};
 use super::noise::SensorNoise;
 use super::observations::{Measured, Observations, Rejection, hash01};
+use super::refined::{Cause, RefinementLog};
 use super::stages::{Settled, extent_of, first_surface, grown, refine_to_noise, weights};
 use super::{Fit, FitOptions, finish, observation_options, observe};
 use crate::progress::{Part, Progress};
@@ -18,7 +19,7 @@ use planish_estimate::Result;
 use planish_exchange::ScanSet;
 use planish_spline::{
     Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, Surface,
-    SurfaceSystem, fit_function,
+    SurfaceSystem, fit_function, patch_hierarchy,
 };
 use std::sync::Arc;
 
@@ -33,7 +34,7 @@ const USUAL_DEPTH: u8 = 3;
 /// Features so many times longer than the surface are held back: what makes the prior proper.
 const HOLD_LENGTH: f64 = 2.0;
 /// Neighbours are not told what lowers a variance by less than this share.
-const LEAST_GAIN: f64 = 1e-3;
+const LEAST_GAIN: f64 = 1e-2;
 /// Readings between two looks at whether the user still wants the answer.
 const READINGS_PER_CHECK: usize = 4096;
 
@@ -104,14 +105,37 @@ pub(crate) fn first_fit_of(
         max_depth: Some(growth),
         ..options.clone()
     };
-    let surface = first_surface(observations, &found, PATCH_CELLS, &Part::new(progress, 0.0, 0.5))?;
-    let log = grown(surface.space());
-    let (surface, base_level) = rebased(surface)?;
-    let flat = FitOptions {
-        max_depth: Some(0),
+    let surface = first_surface(observations, &found, PATCH_CELLS, &Part::new(progress, 0.0, 0.3))?;
+    let mut log = grown(surface.space(), PATCH_CELLS * PATCH_CELLS);
+    let (metric, base_level) = rebased(surface)?;
+    let depth = options
+        .max_depth
+        .map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
+    // Patches are whole, so they have more cells than the shape of the first readings asks for.
+    let of_depth = |depth: u8| FitOptions {
+        max_depth: Some(depth),
+        max_coefficients: options.max_coefficients / 2,
         ..options.clone()
     };
-    let settled = refine_to_noise(observations, surface, first, &flat, &Part::new(progress, 0.5, 1.0))?;
+    let mut settled = refine_to_noise(
+        observations,
+        metric.clone(),
+        first,
+        &of_depth(depth),
+        &Part::new(progress, 0.3, 0.8),
+    )?;
+    let space = patch_hierarchy(settled.surface.space())?;
+    if space.levels() > 1 {
+        log_cover(&mut log, base_level, settled.surface.space(), &space, options);
+        let surface = settled.surface.refined(space)?;
+        settled = refine_to_noise(
+            observations,
+            surface,
+            settled.subset,
+            &of_depth(0),
+            &Part::new(progress, 0.8, 1.0),
+        )?;
+    }
     let Settled {
         surface, system, feet, ..
     } = &settled;
@@ -131,14 +155,11 @@ pub(crate) fn first_fit_of(
             }
         }
     })?;
-    let of_prior = prior.information(system, surface)?.expanded(3)?;
+    let of_prior = prior.information(system, &metric)?.expanded(3)?;
     information.add_scaled(&system.contract(&of_prior, &up)?, 1.0)?;
-    let depth = options
-        .max_depth
-        .map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     let filter = PatchFilter::from_first_fit(
         surface,
-        surface,
+        &metric,
         prior,
         &information,
         PatchFilterOptions {
@@ -151,6 +172,36 @@ pub(crate) fn first_fit_of(
     let mut core = Core::new(filter, base_level, rules(options))?;
     core.log = log;
     Ok(FirstFit { settled, core })
+}
+
+/// What the first readings had divided, in patches.
+fn log_cover(log: &mut RefinementLog, base_level: usize, wanted: &Hierarchy, made: &Hierarchy, options: &FitOptions) {
+    let cause = if options.refine_by.residuals() {
+        Cause::Residuals
+    } else {
+        Cause::Curvature
+    };
+    let patches = |depth: usize| made.base().map(|n| (n / PATCH_CELLS) << depth);
+    for depth in 0..made.levels() - 1 {
+        // Whether anything in a patch is deeper: as it came out, and as the readings asked for.
+        let [columns, rows] = patches(depth);
+        let deeper = |space: &Hierarchy| {
+            let mut marks = vec![false; columns * rows];
+            for cell in space.leaves().iter().filter(|cell| usize::from(cell.level) > depth) {
+                let shift = usize::from(cell.level) - depth;
+                let at = [cell.i, cell.j].map(|c| (c as usize >> shift) / PATCH_CELLS);
+                marks[at[1] * columns + at[0]] = true;
+            }
+            marks
+        };
+        let asked = deeper(wanted);
+        let (mut own, mut grading) = (0, 0);
+        for (asked, _) in asked.iter().zip(deeper(made)).filter(|(_, made)| *made) {
+            *(if *asked { &mut own } else { &mut grading }) += 1;
+        }
+        log.add(base_level + depth, cause, own);
+        log.add(base_level + depth, Cause::Grading, grading);
+    }
 }
 
 pub(super) fn rules(options: &FitOptions) -> Rules {

@@ -242,7 +242,7 @@ pub(super) fn refine_to_noise(
     let mut final_round = false;
     let mut outside: Vec<u32> = Vec::new();
     let (mut reached_limit, mut reached_tolerance) = (false, false);
-    let mut refined = grown(surface.space());
+    let mut refined = grown(surface.space(), 1);
     for round in 0.. {
         let system = SurfaceSystem::new(surface.space())?;
         // Early rounds see a sample: every leaf needs a few dozen readings only.
@@ -551,10 +551,10 @@ fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarc
     (space.refine(&marked(fits)), fits)
 }
 
-/// What growth has divided: every level whole.
-pub(super) fn grown(space: &Hierarchy) -> RefinementLog {
+/// What growth has divided, in squares of so many cells: every level whole.
+pub(super) fn grown(space: &Hierarchy, cells: usize) -> RefinementLog {
     let mut log = RefinementLog::default();
-    let base: usize = space.base().iter().product();
+    let base = space.base().iter().product::<usize>() / cells;
     for level in 1..space.levels() {
         log.add(level - 1, Cause::Growth, base << (2 * (level - 1)));
     }

@@ -16,7 +16,7 @@ use planish_spline::{
 /// A look for what to divide comes after so many readings a patch at least, and after this share of all readings before.
 const READINGS_PER_PATCH: u64 = 32;
 const LEAST_READINGS: u64 = 256;
-const SHARE_OF_EARLIER: u64 = 2;
+const SHARE_OF_EARLIER: u64 = 1;
 /// Control vertices that a patch adds to a surface, about: its cells.
 pub(crate) const VERTICES_PER_PATCH: usize = 16;
 

@@ -160,17 +160,23 @@ impl PatchFilter {
         prior: SmoothnessPrior,
         options: PatchFilterOptions,
     ) -> Result<Self> {
-        Self::begin(initial, metric, prior, options, None)
+        if initial.space().levels() > 1 {
+            return Err(Error::input(
+                "a patch filter starts from an unrefined surface; it refines by itself",
+            ));
+        }
+        Self::begin(initial, initial, metric, prior, options, None)
     }
 
     /// A filter that goes on from a first fit: its mean is that surface, its covariance the inverse of `information`.
     ///
-    /// `information` is that of one coordinate over the nodes of the surface's space, prior and first readings together; those readings must not
-    /// come again. Every patch gets its part of the one joint belief, so neighbours agree and have nothing to tell each other.
-    /// Cost: one factor, and a solve for 49 columns a patch.
+    /// The surface's cells come in whole patches ([`super::patch_hierarchy`]), over the base grid of `metric`; `information` is that of one
+    /// coordinate over its nodes, prior and first readings together. Those readings must not come again. Every patch gets its part of the one
+    /// joint belief, so neighbours agree and have nothing to tell each other. Cost: one factor, and a solve for 49 columns a patch.
     ///
     /// # Errors
-    /// As for [`Self::new`]; `Undetermined` when the information is singular.
+    /// As for [`Self::new`], and `Input` for cells that are no whole patches or deeper than the maximum depth, and heights, whose plan would be
+    /// that of the metric; `Undetermined` when the information is singular.
     pub fn from_first_fit(
         fitted: &Surface,
         metric: &Surface,
@@ -178,11 +184,25 @@ impl PatchFilter {
         information: &BlockInformation,
         options: PatchFilterOptions,
     ) -> Result<Self> {
+        if options.layout == StateLayout::Height {
+            return Err(Error::input(
+                "a first fit has three coordinates: needed another layout than heights",
+            ));
+        }
+        if fitted.space().levels() > usize::from(options.maximum_depth) + 1 {
+            return Err(Error::input(format!(
+                "the first fit has {} levels, more than a maximum depth of {} allows",
+                fitted.space().levels(),
+                options.maximum_depth
+            )));
+        }
         let known = PatchCovariances::of_information(fitted.space(), information)?;
-        Self::begin(fitted, metric, prior, options, Some(known))
+        Self::begin(fitted, metric, metric, prior, options, Some(known))
     }
 
+    /// `fitted` is the mean; `initial` the surface over the base grid whose plan heights keep.
     fn begin(
+        fitted: &Surface,
         initial: &Surface,
         metric: &Surface,
         prior: SmoothnessPrior,
@@ -190,13 +210,11 @@ impl PatchFilter {
         known: Option<PatchCovariances>,
     ) -> Result<Self> {
         prior.validate()?;
-        let space = initial.space();
-        if space.levels() > 1 {
-            return Err(Error::input(
-                "a patch filter starts from an unrefined surface; it refines by itself",
-            ));
-        }
-        if metric.space().shape() != space.shape() || metric.space().base() != space.base() {
+        let space = fitted.space();
+        if metric.space().shape() != space.shape()
+            || metric.space().base() != space.base()
+            || metric.space().levels() > 1
+        {
             return Err(Error::input(
                 "the surface whose metric is used needs the initial surface's base grid",
             ));
@@ -214,6 +232,7 @@ impl PatchFilter {
             )));
         }
         let quadtree = Quadtree::new(Arc::clone(space))?;
+        let start = initial.refined(Arc::clone(space))?;
         let priors = PatchCovariances::of_prior(space, metric, prior.hold)?;
         let members = (0..quadtree.patches.len())
             .map(|p| {
@@ -222,18 +241,18 @@ impl PatchFilter {
                     Some(known) => known.covariance(&quadtree, p)?,
                     None => covariance.clone(),
                 };
-                let initial = quadtree.coefficients(p, |leaf| *initial.leaf_coefficients(leaf));
+                let mean = quadtree.coefficients(p, |leaf| *fitted.leaf_coefficients(leaf));
                 let mean = match options.layout {
-                    StateLayout::Height => DMatrix::from_fn(VERTICES, 1, |k, _| initial[k][2]),
-                    StateLayout::Isotropic | StateLayout::Normal => DMatrix::from_fn(VERTICES, 3, |k, d| initial[k][d]),
-                    StateLayout::Full => DMatrix::from_fn(3 * VERTICES, 1, |k, _| initial[k / 3][k % 3]),
+                    StateLayout::Height => DMatrix::from_fn(VERTICES, 1, |k, _| mean[k][2]),
+                    StateLayout::Isotropic | StateLayout::Normal => DMatrix::from_fn(VERTICES, 3, |k, d| mean[k][d]),
+                    StateLayout::Full => DMatrix::from_fn(3 * VERTICES, 1, |k, _| mean[k / 3][k % 3]),
                 };
                 Ok(Member {
                     belief: PatchBelief::from_matrices(&mean, &expanded(&known, options.layout)),
                     before: None,
                     prior: covariance,
                     innovations: [InnovationSum::default(); 16],
-                    initial,
+                    initial: quadtree.coefficients(p, |leaf| *start.leaf_coefficients(leaf)),
                 })
             })
             .collect::<Result<_>>()?;

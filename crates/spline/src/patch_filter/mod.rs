@@ -37,7 +37,7 @@ pub use belief::PatchBelief;
 pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason};
 pub use filter::{PatchFilter, PatchFilterOptions, PatchUpdate, StateLayout, Subdivision};
 pub use prior::{SmoothnessPrior, parameter_plane};
-pub use quadtree::{PATCH_CELLS, PATCH_VERTICES, Patch, VertexSharing};
+pub use quadtree::{PATCH_CELLS, PATCH_VERTICES, Patch, VertexSharing, patch_hierarchy};
 pub use reading::SurfaceReading;
 pub use state::{PatchFilterState, PatchState};
 

@@ -14,6 +14,7 @@
 //! two-scale relation, `αᵀ Λ_f α = Λ_c`: exactly so where the metric is that of a plane.
 
 use super::quadtree::{Quadtree, VERTICES};
+use crate::energy::LeafEnergy;
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
 use crate::system::SurfaceSystem;
@@ -56,14 +57,44 @@ impl SmoothnessPrior {
     /// `Input` when the numbers are not positive or `metric` is finer than the system's space.
     pub fn information(&self, system: &SurfaceSystem, metric: &Surface) -> Result<BlockInformation> {
         self.validate()?;
+        let stiffest = stiffest(metric);
         let metric = metric.refined(Arc::clone(system.space()))?;
-        let mut sum = system.thin_plate(&metric)?;
+        let mut leaves = metric.thin_plate(system.space());
+        for (leaf, cell) in leaves.iter_mut().zip(system.space().leaves()) {
+            // Of a leaf half as wide the form is four times as large.
+            let share = stiffest * f64::from(1_u32 << (2 * cell.level)) / trace(leaf);
+            if share < 1.0 {
+                for entry in leaf.thin_plate.iter_mut().flatten() {
+                    *entry *= share;
+                }
+            }
+        }
+        let mut sum = system.assemble_energy(&leaves)?;
         sum.add_scaled(&system.mass(&metric)?, self.hold)?;
         for value in sum.values_mut() {
             *value *= self.weight;
         }
         Ok(sum)
     }
+}
+
+/// Where a surface is folded its metric is singular somewhere, and a quadrature point that happens to lie near it has an energy before which all
+/// others are rounding: so many times the median of all leaves is the most that one leaf is given. Those at a pole have some 10⁵ times as much
+/// and keep it.
+const STIFFEST_LEAF: f64 = 1e7;
+
+fn trace(leaf: &LeafEnergy) -> f64 {
+    (0..16).map(|k| leaf.thin_plate[k][k]).sum()
+}
+
+/// The largest trace of a leaf's thin-plate form over the surface's own base grid.
+fn stiffest(metric: &Surface) -> f64 {
+    let level = |leaf: usize| metric.space().leaves()[leaf].level;
+    let mut traces: Vec<f64> = (metric.thin_plate(metric.space()).iter().enumerate())
+        .map(|(leaf, energy)| trace(energy) / f64::from(1_u32 << (2 * level(leaf))))
+        .collect();
+    let middle = traces.len() / 2;
+    STIFFEST_LEAF * *traces.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The plane `(u, v, 0)` over a sheet: energies in its metric are those of the parameters.
