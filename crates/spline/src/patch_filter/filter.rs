@@ -196,8 +196,7 @@ impl PatchFilter {
                 options.maximum_depth
             )));
         }
-        let known = PatchCovariances::of_information(fitted.space(), information)?;
-        Self::begin(fitted, metric, metric, prior, options, Some(known))
+        Self::begin(fitted, metric, metric, prior, options, Some(information))
     }
 
     /// `fitted` is the mean; `initial` the surface over the base grid whose plan heights keep.
@@ -207,7 +206,7 @@ impl PatchFilter {
         metric: &Surface,
         prior: SmoothnessPrior,
         options: PatchFilterOptions,
-        known: Option<PatchCovariances>,
+        information: Option<&BlockInformation>,
     ) -> Result<Self> {
         prior.validate()?;
         let space = fitted.space();
@@ -233,7 +232,10 @@ impl PatchFilter {
         }
         let quadtree = Quadtree::new(Arc::clone(space))?;
         let start = initial.refined(Arc::clone(space))?;
-        let priors = PatchCovariances::of_prior(space, metric, prior.hold)?;
+        let priors = PatchCovariances::of_prior(&quadtree, metric, prior.hold)?;
+        let known = information
+            .map(|information| PatchCovariances::of_information(&quadtree, information))
+            .transpose()?;
         let members = (0..quadtree.patches.len())
             .map(|p| {
                 let covariance = priors.covariance(&quadtree, p)? / prior.weight;
@@ -449,7 +451,7 @@ impl PatchFilter {
             return Ok(Vec::new());
         }
         let quadtree = self.quadtree.divided(&marked)?;
-        let priors = PatchCovariances::of_prior(&quadtree.space, &self.metric, self.prior.hold)?;
+        let priors = PatchCovariances::of_prior(&quadtree, &self.metric, self.prior.hold)?;
         let old: HashMap<Patch, usize> = (0..).zip(&self.quadtree.patches).map(|(n, &p)| (p, n)).collect();
         let initial = self.initial.refined(Arc::clone(&quadtree.space))?;
         let layout = self.options.layout;
@@ -680,8 +682,8 @@ fn detail_variances(metric: &Surface, prior: SmoothnessPrior, options: &PatchFil
     marked[0] = true;
     let fine = coarse.divided(&marked)?;
     let (before, after) = (
-        PatchCovariances::of_prior(&coarse.space, metric, prior.hold)?.covariance(&coarse, 0)?,
-        PatchCovariances::of_prior(&fine.space, metric, prior.hold)?,
+        PatchCovariances::of_prior(&coarse, metric, prior.hold)?.covariance(&coarse, 0)?,
+        PatchCovariances::of_prior(&fine, metric, prior.hold)?,
     );
     let (mut sum, mut points) = (0.0, 0.0);
     for (p, patch) in fine.patches.iter().enumerate() {
