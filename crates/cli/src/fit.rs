@@ -42,7 +42,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             ground: args
                 .ground
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
-            filter: args.filter.map_or_else(Filter::default, Filter::from),
+            filter: args.filter.map(Filter::from),
             max_depth: args.max_depth,
             refine_by: args.refine_by.into(),
             max_coefficients: args.max_coefficients,

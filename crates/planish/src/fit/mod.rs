@@ -15,10 +15,10 @@ mod stages;
 
 pub use crate::model::SigmaSummary;
 pub use observations::{ObservationOptions, Observations, Rejection};
-pub(crate) use patch::first_fit_of;
+pub(crate) use patch::{FirstFit, first_fit_of};
 pub(crate) use refined::RefinementLog;
 pub use refined::{LevelRefinement, RefineBy};
-pub(crate) use stages::extent_of;
+pub(crate) use stages::{extent_of, with_neighbours};
 
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
@@ -43,8 +43,8 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
-    /// How readings are fused.
-    pub filter: Filter,
+    /// How readings are fused: globally where none is given, and into a saved model as it was made.
+    pub filter: Option<Filter>,
     /// No more levels of subdivision beyond the base grid than this; where none is given as many as the readings fill, of the patch filter three.
     pub max_depth: Option<u8>,
     /// What asks for subdivision.
@@ -88,7 +88,7 @@ impl Default for FitOptions {
             known_parameters: None,
             tolerance: None,
             ground: None,
-            filter: Filter::Global,
+            filter: None,
             max_depth: None,
             refine_by: RefineBy::Residuals,
             max_coefficients: 12_000,
@@ -212,7 +212,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     if let Some(cells) = options.known_parameters {
         return known::fit_known(set, cells, options, progress);
     }
-    if options.filter == Filter::Patch {
+    if options.filter == Some(Filter::Patch) {
         return patch::fit_patches(set, options, progress);
     }
     let ground = options.ground.map(|width| ground_options(set.unit, width));
@@ -289,6 +289,22 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             model.unit.name()
         )));
     }
+    let own = if model.patches.is_some() {
+        Filter::Patch
+    } else {
+        Filter::Global
+    };
+    if let Some(asked) = options.filter.filter(|asked| *asked != own) {
+        let name = |filter| match filter {
+            Filter::Global => "global",
+            Filter::Patch => "patch",
+        };
+        return Err(planish_estimate::Error::input(format!(
+            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found {}",
+            name(own),
+            name(asked)
+        )));
+    }
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     let moved;
@@ -305,6 +321,9 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    let settled = finish::place(model, &observations, options, progress)?;
+    let settled = match &model.patches {
+        None => finish::place(model, &observations, options, progress)?,
+        Some(filter) => patch::update_patches(model, filter, &observations, options, progress)?,
+    };
     finish::finish(set, &observations, settled, options, Some(model), None, progress)?.translated(origin)
 }

@@ -13,13 +13,14 @@ use super::observations::{Measured, Observations, Rejection, hash01};
 use super::refined::{Cause, RefinementLog};
 use super::stages::{Settled, extent_of, first_surface, grown, refine_to_noise, weights};
 use super::{Fit, FitOptions, finish, observation_options, observe};
+use crate::model::SurfaceModel;
 use crate::progress::{Part, Progress};
 use crate::stream::{Core, Incoming, Rules, What};
 use planish_estimate::Result;
 use planish_exchange::ScanSet;
 use planish_spline::{
-    Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, Surface,
-    SurfaceSystem, fit_function, patch_hierarchy,
+    FootPointSearch, Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
+    Surface, SurfaceSystem, fit_function, patch_hierarchy,
 };
 use std::sync::Arc;
 
@@ -83,10 +84,20 @@ pub(crate) struct FirstFit {
     pub core: Core,
 }
 
-/// The factor of each channel's stated variance, in the order of the channels.
 impl FirstFit {
-    pub(crate) fn noise_factors(&self) -> &[f64] {
-        &self.settled.noise.used
+    /// By how much the σ of the first sensor's positions is larger than stated; 1 where they are believed.
+    pub(crate) fn sigma_factor(&self) -> f64 {
+        self.settled.noise.used.first().map_or(1.0, |variance| variance.sqrt())
+    }
+
+    /// How many readings it took in.
+    pub(crate) fn readings(&self) -> usize {
+        self.settled.subset.len()
+    }
+
+    /// Weight of the thin plate.
+    pub(crate) fn smoothness_weight(&self) -> f64 {
+        self.settled.weight
     }
 }
 
@@ -171,6 +182,9 @@ pub(crate) fn first_fit_of(
     )?;
     let mut core = Core::new(filter, base_level, rules(options))?;
     core.log = log;
+    for (foot, _) in feet.iter().zip(&used).filter(|(_, w)| **w > 0.0) {
+        core.mark(surface.space().parameters(foot.leaf as usize, foot.local));
+    }
     Ok(FirstFit { settled, core })
 }
 
@@ -263,6 +277,50 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     finish::finish(set, &observations, fused, options, None, None, progress)?.translated(origin)
 }
 
+/// Filters the readings of another day into a saved model.
+pub(super) fn update_patches(
+    model: &SurfaceModel,
+    filter: &Arc<PatchFilter>,
+    observations: &Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
+    let used: Vec<u32> = (0..observations.len() as u32)
+        .filter(|&i| !observations.held_out[i as usize])
+        .collect();
+    let surface = &model.surface;
+    let mut at = vec![[0.0; 2]; observations.len()];
+    let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
+    let stated = SensorNoise::stated(observations);
+    let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.used);
+    let degrees = vec![0.0; observations.stated.len()];
+    let system = SurfaceSystem::new(surface.space())?;
+    let nothing_yet = Settled {
+        surface: surface.clone(),
+        prior: system.nothing()?,
+        system,
+        subset: Vec::new(),
+        feet: Vec::new(),
+        noise: SensorNoise::estimate(observations, &used, &feet, options.gate, &degrees, true)?,
+        weight: model.smoothness_weight,
+        at: Vec::new(),
+        reached_limit: false,
+        reached_tolerance: false,
+        refined: RefinementLog::default(),
+        fused: None,
+    };
+    let core = Core::new(PatchFilter::clone(filter), 0, rules(options))?;
+    let order = shuffled(&used, options.seed);
+    stream(
+        observations,
+        nothing_yet,
+        core,
+        &order,
+        options,
+        &Part::new(progress, 0.2, 0.85),
+    )
+}
+
 /// The readings in a random order.
 fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
     let mut keyed: Vec<(f64, u32)> = all.iter().map(|&i| (hash01(seed, 1 << 20, u64::from(i)), i)).collect();
@@ -314,11 +372,10 @@ pub(super) fn stream(
         }
         refused.push(core.take(&incoming(observations, i as usize, &first.noise.used))?);
     }
-    core.filter.reconcile()?;
-    let surface = core.filter.surface()?;
+    let surface = core.reconcile()?;
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
-    let search = planish_spline::FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
+    let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
     let mut feet = project(
         &surface,
         observations,

@@ -851,7 +851,7 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
 }
 
 /// The marked leaves and the neighbours of each.
-pub(super) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
+pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
     let mut observed = own.to_vec();
     for leaf in 0..own.len() {
         if own[leaf] {

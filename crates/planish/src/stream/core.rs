@@ -10,13 +10,14 @@ use planish_estimate::Result;
 use planish_estimate::vector3::dot;
 use planish_sense::variance_along;
 use planish_spline::{
-    FootPointSearch, PatchFilter, ProjectionOptions, SubdivisionCriteria, Surface, SurfaceReading, symmetric_eigen,
+    FootPoint, FootPointSearch, PatchFilter, ProjectionOptions, SubdivisionCriteria, Surface, SurfaceReading,
+    symmetric_eigen,
 };
 
-/// A look for what to divide comes after so many readings a patch at least, and after this share of all readings before.
-const READINGS_PER_PATCH: u64 = 32;
-const LEAST_READINGS: u64 = 256;
-const SHARE_OF_EARLIER: u64 = 1;
+/// The first look for what to divide comes after so many readings, every other after twice as many.
+const FIRST_LOOK: u64 = 256;
+/// Squares along each side of a base cell in which it is kept whether anything was measured.
+const MARKS: usize = 4;
 /// Control vertices that a patch adds to a surface, about: its cells.
 pub(crate) const VERTICES_PER_PATCH: usize = 16;
 
@@ -67,9 +68,10 @@ pub(crate) struct Core {
     pub filter: PatchFilter,
     search: FootPointSearch,
     rules: Rules,
-    /// Readings of all kinds so far, and how many when to look for what to divide.
-    seen: u64,
+    /// How many readings the filter has when it is time to look for what to divide.
     next_look: u64,
+    /// Where something was measured, over the base grid.
+    marks: Vec<bool>,
     /// Levels of subdivision that the filter's base grid has already.
     pub base_level: usize,
     pub log: RefinementLog,
@@ -79,9 +81,10 @@ impl Core {
     /// A filter over its own surface; `base_level` is the level of its base grid.
     pub(crate) fn new(filter: PatchFilter, base_level: usize, rules: Rules) -> Result<Self> {
         let search = search_of(&filter.surface()?)?;
+        let cells: usize = filter.space().base().iter().product();
         let mut made = Self {
-            seen: filter.readings(),
             next_look: 0,
+            marks: vec![false; cells * MARKS * MARKS],
             filter,
             search,
             rules,
@@ -92,19 +95,46 @@ impl Core {
         Ok(made)
     }
 
-    /// How a resumed filter goes on as if it had never stopped: what is not in the filter itself.
-    pub(crate) fn schedule(&self) -> [u64; 2] {
-        [self.seen, self.next_look]
-    }
-
-    pub(crate) fn resume_schedule(&mut self, [seen, next_look]: [u64; 2]) {
-        (self.seen, self.next_look) = (seen, next_look);
-    }
-
+    /// The next look follows from the number of readings alone, so that a resumed filter looks when it would have looked.
     fn plan_look(&mut self) {
-        let patches = self.filter.patches().len() as u64;
-        let wait = (READINGS_PER_PATCH * patches).max(LEAST_READINGS);
-        self.next_look = self.seen + wait.max(self.seen / SHARE_OF_EARLIER);
+        self.next_look = FIRST_LOOK.max((self.filter.readings() + 1).next_power_of_two());
+    }
+
+    /// Marks a place as measured.
+    pub(crate) fn mark(&mut self, [u, v]: [f64; 2]) {
+        let [columns, rows] = self.filter.space().base().map(|n| n * MARKS);
+        let at = |x: f64, n: usize| ((x * MARKS as f64) as usize).min(n - 1);
+        self.marks[at(v, rows) * columns + at(u, columns)] = true;
+    }
+
+    /// For each leaf whether anything was measured in it.
+    pub(crate) fn measured(&self) -> Vec<bool> {
+        let space = self.filter.space();
+        let [columns, rows] = space.base().map(|n| n * MARKS);
+        (space.leaves().iter())
+            .map(|cell| {
+                let side = cell.side() * MARKS as f64;
+                let range = |k: u32, n: usize| {
+                    let first = (f64::from(k) * side) as usize;
+                    first..((f64::from(k + 1) * side).ceil() as usize).min(n)
+                };
+                range(cell.j, rows).any(|j| range(cell.i, columns).any(|i| self.marks[j * columns + i]))
+            })
+            .collect()
+    }
+
+    /// Tells neighbours what is new, and follows the surface with the search for foot points.
+    pub(crate) fn reconcile(&mut self) -> Result<Surface> {
+        self.filter.reconcile()?;
+        let surface = self.filter.surface()?;
+        self.search = search_of(&surface)?;
+        Ok(surface)
+    }
+
+    /// The foot point of a place on the surface as it is known.
+    pub(crate) fn foot_point(&self, at: [f64; 3], facing: [f64; 3]) -> FootPoint {
+        let start = self.search.nearest(at, facing);
+        self.filter.project(at, start, &ProjectionOptions::default())
     }
 
     /// Takes a reading in, or says why not.
@@ -112,8 +142,7 @@ impl Core {
     /// # Errors
     /// `Input` for numbers that are none; what dividing reports.
     pub(crate) fn take(&mut self, reading: &Incoming) -> Result<Option<Rejection>> {
-        let start = self.search.nearest(reading.at, reading.facing);
-        let foot = self.filter.project(reading.at, start, &ProjectionOptions::default());
+        let foot = self.foot_point(reading.at, reading.facing);
         let known = dot(reading.facing, reading.facing) > 0.5;
         if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < LEAST_COSINE) {
             return Ok(Some(Rejection::NormalMismatch));
@@ -154,20 +183,22 @@ impl Core {
             }
         };
         let update = self.filter.observe_within(&equation, self.rules.gate)?;
-        self.seen += 1;
-        if self.seen >= self.next_look {
+        // What is beyond the gate, but taken in as shape that is missing, is no outlier.
+        if !update.within_gate && update.normalized_squared == 0.0 {
+            return Ok(Some(Rejection::Outlier));
+        }
+        self.mark(parameters);
+        if self.filter.readings() >= self.next_look {
             self.look()?;
         }
-        // What is beyond the gate, but taken in as shape that is missing, is no outlier.
-        let taken = update.within_gate || update.normalized_squared > 0.0;
-        Ok((!taken).then_some(Rejection::Outlier))
+        Ok(None)
     }
 
     /// Tells neighbours what is new, and divides where the rules say so.
     fn look(&mut self) -> Result<()> {
         let divided = self.filter.refine(&self.rules.criteria())?;
         self.log.add_patches(self.base_level, &divided);
-        self.search = search_of(&self.filter.surface()?)?;
+        self.reconcile()?;
         self.plan_look();
         Ok(())
     }
