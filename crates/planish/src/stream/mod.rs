@@ -365,7 +365,10 @@ impl SurfaceStream {
         let counted = filter.readings();
         let mut core = Core::new(filter.as_ref().clone(), 0, rules)?;
         let space = model.surface.space();
-        for leaf in (0..model.observed.len()).filter(|&leaf| model.observed[leaf]) {
+        // A model counts the neighbours of what was measured as observed; they are not to spread with every snapshot.
+        let unseen: Vec<bool> = model.observed.iter().map(|o| !o).collect();
+        let near_unseen = with_neighbours(space, &unseen);
+        for leaf in (0..near_unseen.len()).filter(|&leaf| !near_unseen[leaf]) {
             core.mark(space.parameters(leaf, [0.5, 0.5]));
         }
         Ok(Self {
