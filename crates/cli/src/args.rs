@@ -183,6 +183,7 @@ Examples:
   planish fit bun.conf --unit m -o bunny.step
   planish fit today.ply --update part.planish -o newer.planish
   planish fit tile.laz --ground -o ground.tif
+  planish fit examples/data/pebble/job.toml --filter patch --max-depth 3 -o part.planish
 
 Scans are .ply, .pcd, .e57, .las, .laz, .obj, .stl, .glb, .npy, .npz, .xyz, .txt, .asc, .csv or .pts, and depth images .png or .tif with \
 the camera's calibration in a .toml of the same name; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
@@ -219,7 +220,7 @@ pub struct FitArgs {
     /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise: balls and tori take 4x4 cells at least; of σ only
     /// the column sigma, or one of a sensor; no more than 3000 readings are held out)
     #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface",
-          conflicts_with_all = ["update", "tolerance", "max_coefficients", "ground"])]
+          conflicts_with_all = ["update", "tolerance", "max_coefficients", "max_depth", "refine_by", "filter", "ground"])]
     pub known_uv: Option<[usize; 2]>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]

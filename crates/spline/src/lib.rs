@@ -34,7 +34,7 @@ pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use patch_filter::{
     InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
     PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason,
-    SurfaceReading, VertexSharing, parameter_plane, patch_hierarchy,
+    SurfaceReading, VertexSharing, curvature_variation, parameter_plane, patch_hierarchy,
 };
 pub use planish_estimate::{Error, Result};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};

@@ -1,5 +1,6 @@
 //! Fusing scans into a surface.
 
+mod bent;
 pub(crate) mod engine;
 mod finish;
 mod growth;
@@ -23,7 +24,7 @@ pub(crate) use stages::{extent_of, with_neighbours};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use large::Parts;
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
@@ -210,6 +211,11 @@ impl Fit {
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     if let Some(cells) = options.known_parameters {
+        if options.filter == Some(Filter::Patch) {
+            return Err(Error::unsupported(
+                "readings with known parameters are fused by the global filter, in one step: needed no other filter",
+            ));
+        }
         return known::fit_known(set, cells, options, progress);
     }
     if options.filter == Some(Filter::Patch) {
@@ -283,7 +289,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
     if let Some(unit) = set.unit
         && unit != model.unit
     {
-        return Err(planish_estimate::Error::input(format!(
+        return Err(Error::input(format!(
             "the scans' unit is {}, the model's is {}: convert one of them",
             unit.name(),
             model.unit.name()
@@ -299,7 +305,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             Filter::Global => "global",
             Filter::Patch => "patch",
         };
-        return Err(planish_estimate::Error::input(format!(
+        return Err(Error::input(format!(
             "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found {}",
             name(own),
             name(asked)

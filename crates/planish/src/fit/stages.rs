@@ -4,6 +4,7 @@
 //! information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
+use super::bent::unevenly_bent;
 use super::engine::{Foot, FootChannels, FootState, by_leaf, normal_step, project};
 use super::growth::{MOST_LEVELS, grow};
 use super::indicator::Indicator;
@@ -42,7 +43,7 @@ const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
-const LEAST_READINGS: u32 = 8;
+pub(super) const LEAST_READINGS: u32 = 8;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
 const WORTHWHILE: f64 = 0.02;
 /// A ball grows to no finer leaves than its readings can fill with so many each.
@@ -54,7 +55,7 @@ const SIGNIFICANT: f64 = 2.5;
 const POOLED_SIGNIFICANT: f64 = 2.0;
 /// A leaf that is smaller than so many σ is not split: readings would find a foot nearby however the surface wrinkles, and
 /// σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have 3.6 %.)
-const LEAST_LEAF_SIGMAS: f64 = 6.0;
+pub(super) const LEAST_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
 const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
@@ -353,15 +354,25 @@ pub(super) fn refine_to_noise(
             .filter(|(_, w)| **w == 0.0)
             .map(|(i, _)| *i)
             .collect();
-        let verdict = misfit(
-            &surface,
-            &feet,
-            &noise,
-            degrees.iter().flatten().sum(),
-            observations,
-            &sample,
-            options,
-        );
+        let mut verdict = if options.refine_by.residuals() {
+            misfit(
+                &surface,
+                &feet,
+                &noise,
+                degrees.iter().flatten().sum(),
+                observations,
+                &sample,
+                options,
+            )
+        } else {
+            Vec::new()
+        };
+        if let (true, Some(factor)) = (options.refine_by.curvature(), &factor) {
+            let known: HashSet<usize> = verdict.iter().map(|m| m.leaf).collect();
+            let read = (observations, &sample[..], &feet[..]);
+            let bent = unevenly_bent(&surface, &system, factor, read, &noise, deepest(options))?;
+            verdict.extend(bent.into_iter().filter(|m| !known.contains(&m.leaf)));
+        }
         let space = surface.space();
         if options.tolerance.is_some() && verdict.is_empty() {
             reached_tolerance = true;
@@ -518,13 +529,18 @@ pub(super) fn weights(
 }
 
 /// A leaf that is to be split.
-struct Misfit {
-    leaf: usize,
-    cause: Cause,
+pub(super) struct Misfit {
+    pub leaf: usize,
+    pub cause: Cause,
     /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature varies.
-    severity: f64,
+    pub severity: f64,
     /// Signs of the corner where it is worst.
-    corner: [f64; 2],
+    pub corner: [f64; 2],
+}
+
+/// The deepest level that is allowed.
+fn deepest(options: &FitOptions) -> u8 {
+    options.max_depth.map_or(DEEPEST, |depth| DEEPEST.min(depth))
 }
 
 /// So few misfits are chance.
@@ -779,7 +795,7 @@ fn misfit(
             (shape + taken.min(0.8 * pairs), pairs)
         })
         .collect();
-    let deepest = options.max_depth.map_or(DEEPEST, |depth| DEEPEST.min(depth));
+    let deepest = deepest(options);
     let (mut strong, mut weak) = (Vec::new(), Vec::new());
     for (leaf, own) in residuals.iter().enumerate() {
         let too_small = areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * own.variance;
@@ -826,7 +842,7 @@ fn misfit(
 }
 
 /// A leaf and those around it, each once.
-fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))

@@ -22,6 +22,7 @@ pub(super) struct Notes {
     maximum_depth: u8,
     least_gain: f64,
     expect_detail: bool,
+    linearize_at_initial: bool,
     readings: u64,
 }
 
@@ -100,6 +101,7 @@ impl Notes {
             maximum_depth: options.maximum_depth,
             least_gain: options.least_gain,
             expect_detail: options.expect_detail,
+            linearize_at_initial: options.linearize_at_initial,
             readings: filter.readings(),
         }
     }
@@ -175,6 +177,7 @@ impl Notes {
                 maximum_depth: self.maximum_depth,
                 least_gain: self.least_gain,
                 expect_detail: self.expect_detail,
+                linearize_at_initial: self.linearize_at_initial,
             },
             readings: self.readings,
             patches,

@@ -123,11 +123,17 @@ impl SubdivisionCriteria {
     }
 }
 
-/// `sd(K) / max(|K̄|, σ_K)`, σ_K the root mean square of the σ; of `sd(K)` what is beyond σ_K where noise is discounted.
-fn curvature_variation(curvatures: &[[f64; 2]; 16], discount_noise: bool) -> f64 {
-    let mean = curvatures.iter().map(|[k, _]| k).sum::<f64>() / 16.0;
-    let variance = curvatures.iter().map(|[k, _]| (k - mean).powi(2)).sum::<f64>() / 15.0;
-    let sigma2 = curvatures.iter().map(|[_, s]| s * s).sum::<f64>() / 16.0;
+/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, σ_K the root mean square of the σ; of `sd(K)` what is beyond σ_K where noise is
+/// discounted. Of fewer than two it is 0.
+#[must_use]
+pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64 {
+    let n = curvatures.len() as f64;
+    if n < 2.0 {
+        return 0.0;
+    }
+    let mean = curvatures.iter().map(|[k, _]| k).sum::<f64>() / n;
+    let variance = curvatures.iter().map(|[k, _]| (k - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let sigma2 = curvatures.iter().map(|[_, s]| s * s).sum::<f64>() / n;
     let scale = mean.abs().max(sigma2.sqrt());
     let beyond = if discount_noise { variance - sigma2 } else { variance };
     if beyond > 0.0 { beyond.sqrt() / scale } else { 0.0 }
@@ -191,7 +197,9 @@ mod tests {
 
     #[test]
     fn variation_has_no_unit_and_survives_a_mean_of_zero() {
-        let waves = |scale: f64, sigma: f64| std::array::from_fn(|k| [scale * (k as f64 - 7.5), scale * sigma]);
+        let waves = |scale: f64, sigma: f64| -> [[f64; 2]; 16] {
+            std::array::from_fn(|k| [scale * (k as f64 - 7.5), scale * sigma])
+        };
         let one = curvature_variation(&waves(1.0, 2.0), false);
         assert!(
             (curvature_variation(&waves(1e-6, 2.0), false) / one - 1.0).abs() < 1e-12,

@@ -60,6 +60,9 @@ pub struct PatchFilterOptions {
     /// may the children that inherit it; with it, patches that are never divided lose what the prior wrongly expects of detail. The
     /// global filter over the same cells expects none.
     pub expect_detail: bool,
+    /// Whether normals and curvatures are linearised at the initial surface and not at the estimate. Then every equation is linear, and the order of
+    /// readings makes no difference at all; but the surface must begin near its place.
+    pub linearize_at_initial: bool,
 }
 
 impl Default for PatchFilterOptions {
@@ -70,6 +73,7 @@ impl Default for PatchFilterOptions {
             maximum_depth: 3,
             least_gain: 1e-6,
             expect_detail: false,
+            linearize_at_initial: false,
         }
     }
 }

@@ -34,7 +34,7 @@ mod reconcile;
 mod state;
 
 pub use belief::PatchBelief;
-pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason};
+pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, curvature_variation};
 pub use filter::{PatchFilter, PatchFilterOptions, PatchUpdate, StateLayout, Subdivision};
 pub use prior::{SmoothnessPrior, parameter_plane};
 pub use quadtree::{PATCH_CELLS, PATCH_VERTICES, Patch, VertexSharing, patch_hierarchy};

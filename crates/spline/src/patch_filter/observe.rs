@@ -121,7 +121,12 @@ impl PatchFilter {
             side,
         } = place;
         let (layout, member) = (self.options.layout, &self.members[patch]);
-        let jet = || jet_of(&self.cell_coefficients(patch, cell), 1.0 / side, local[0], local[1]);
+        let there = if self.options.linearize_at_initial {
+            std::array::from_fn(|k| member.initial[vertex_of(cell, k)])
+        } else {
+            self.cell_coefficients(patch, cell)
+        };
+        let jet = || jet_of(&there, 1.0 / side, local[0], local[1]);
         let detail = self.detail_variance[usize::from(self.quadtree.patches[patch].depth)];
         let at = |k: usize| vertex_of(cell, k) as u16;
         let mut count = 0;
@@ -136,10 +141,9 @@ impl PatchFilter {
         if layout == StateLayout::Normal {
             let mut offsets = [None; 3];
             reading.offsets(local, side, jet, &mut offsets)?;
-            let c = self.cell_coefficients(patch, cell);
             for offset in offsets.iter().flatten() {
                 let value = [0, 1, 2].map(|d| {
-                    let there: f64 = offset.weights.iter().zip(&c).map(|(w, p)| w * p[d]).sum();
+                    let there: f64 = offset.weights.iter().zip(&there).map(|(w, p)| w * p[d]).sum();
                     there + offset.residual * offset.direction[d]
                 });
                 let variance = offset.variance + offset.sees_detail * detail;

@@ -1,11 +1,15 @@
+use crate::base::fit_function;
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::patch_filter::{
     PatchFilter, PatchFilterOptions, SmoothnessPrior, StateLayout, SubdivisionCriteria, SubdivisionReason,
-    SurfaceReading, parameter_plane,
+    SurfaceReading, parameter_plane, reading::EquationKind,
 };
 use crate::surface::{Surface, leaf_weights};
 use crate::system::SurfaceSystem;
+use nalgebra::DMatrix;
 use planish_estimate::sparse::BlockInformation;
+use planish_estimate::vector3::{cross, unit};
+use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -179,4 +183,119 @@ fn gross_errors_are_left_out_and_shape_is_not() {
     }
     let height = filter.jet(2.5, 2.5).point[2];
     assert!((height - 0.9).abs() < 0.1, "{height}");
+}
+
+/// A bowl over one patch.
+fn bowl() -> Surface {
+    let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
+    fit_function(&space, |u, v| {
+        [u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))]
+    })
+    .unwrap()
+}
+
+/// Positions with noise of a direction, normals and curvatures near the bowl.
+fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
+    let mut random = ChaCha8Rng::seed_from_u64(31);
+    (0..count)
+        .map(|k| {
+            let parameters = [0, 1].map(|_| 4.0 * random.random::<f64>());
+            let mut noise = |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
+            let jet = bowl.jet(parameters[0], parameters[1]);
+            let normal = jet.normal().unwrap();
+            let tilted = unit(normal.map(|c| c + noise(0.02))).unwrap();
+            match k % 3 {
+                0 => SurfaceReading::PositionWithCovariance {
+                    parameters,
+                    point: jet.point.map(|c| c + 0.2 + noise(0.03)),
+                    covariance: [1e-3, 2e-4, 0.0, 2e-3, -1e-4, 5e-4],
+                },
+                1 => SurfaceReading::Normal {
+                    parameters,
+                    normal: tilted,
+                    sigma_rad: 0.02,
+                },
+                _ => {
+                    let along = unit(cross(tilted, [0.0, 1.0, 0.0])).unwrap();
+                    SurfaceReading::Curvature {
+                        parameters,
+                        normal: tilted,
+                        principal: [0.16 + noise(0.02), 0.08 + noise(0.02)],
+                        directions: [along, cross(tilted, along)],
+                        sigma: 0.02,
+                    }
+                }
+            }
+        })
+        .collect()
+}
+
+/// The mean of the global filter, all readings linearised at one surface: the sum of their information.
+fn global_mean(at: &Surface, readings: &[SurfaceReading]) -> DMatrix<f64> {
+    let space = at.space();
+    let system = SurfaceSystem::new(space).unwrap();
+    let mut information =
+        (PRIOR.information(&system, &plane([4, 4])).unwrap().to_dense()).kronecker(&DMatrix::<f64>::identity(3, 3));
+    let size = information.nrows();
+    let mut vector = &information * DMatrix::from_fn(size, 1, |k, _| at.vertices()[k / 3][k % 3]);
+    for reading in readings {
+        let [u, v] = reading.parameters();
+        let (leaf, local) = space.locate(u, v);
+        let mut equations = [None; 3];
+        let jet = || at.leaf_jet(leaf, local[0], local[1]);
+        reading.equations(local, 1.0, jet, &mut equations).unwrap();
+        let (nodes, weights) = space.extraction(leaf);
+        for equation in equations.iter().flatten() {
+            let EquationKind::Form(form, value) = equation.what else {
+                panic!("every reading of the test is along a direction")
+            };
+            let mut row = DMatrix::zeros(size, 1);
+            for (&node, w) in nodes.iter().zip(weights) {
+                for k in 0..16 {
+                    for d in 0..3 {
+                        row[(3 * node as usize + d, 0)] += w[k] * form[k][d];
+                    }
+                }
+            }
+            information += &row * row.transpose() / equation.variance;
+            vector += row * (value / equation.variance);
+        }
+    }
+    information.cholesky().unwrap().solve(&vector)
+}
+
+/// Whoever reads first must not decide: twenty orders of positions, normals and curvatures give one surface, and both filters the same.
+#[test]
+fn twenty_orders_of_a_mixed_set_give_one_surface() {
+    let bowl = bowl();
+    let mut readings = mixed(&bowl, 150);
+    let mut random = ChaCha8Rng::seed_from_u64(37);
+    let options = PatchFilterOptions {
+        linearize_at_initial: true,
+        ..options(StateLayout::Full, 0)
+    };
+    let mut first: Option<[Surface; 2]> = None;
+    for _ in 0..20 {
+        readings.shuffle(&mut random);
+        let mut filter = PatchFilter::new(&bowl, &plane([4, 4]), PRIOR, options).unwrap();
+        for reading in &readings {
+            filter.observe(reading).unwrap();
+        }
+        let mean = global_mean(&bowl, &readings);
+        let vertices = mean.as_slice().as_chunks::<3>().0.to_vec();
+        let found = [filter.surface().unwrap(), bowl.with_vertices(vertices).unwrap()];
+        let [patch, global] = first.get_or_insert_with(|| found.clone());
+        for (a, b) in [(&found[0], &*patch), (&found[1], &*global), (&found[0], &found[1])] {
+            let off = a
+                .vertices()
+                .iter()
+                .flatten()
+                .zip(b.vertices().iter().flatten())
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
+            assert!(off < 1e-9, "{off}");
+        }
+    }
+    let moved = first.unwrap()[0].point(2.0, 2.0)[2] - bowl.point(2.0, 2.0)[2];
+    assert!(moved > 0.1, "the readings lie 0.2 higher, the surface moved by {moved}");
 }
