@@ -24,6 +24,8 @@ from importlib.metadata import version
 
 import numpy as np
 
+import peak_memory
+
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SIGMA = 0.01
 
@@ -59,16 +61,12 @@ def write_ply(path, uv, z):
 
 def planish(program, path, folder):
     out = os.path.join(folder, "fit.planish")
+    command = [program, "fit", path, "--known-uv", "61x61", "-o", out, "--json", "--quiet"]
     start = time.perf_counter()
-    child = subprocess.Popen(
-        [program, "fit", path, "--known-uv", "61x61", "-o", out, "--json", "--quiet"], stdout=subprocess.PIPE
-    )
-    report = json.loads(child.stdout.read())
-    _, status, usage = os.wait4(child.pid, 0)
+    printed = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
     whole = time.perf_counter() - start
-    if status != 0:
-        raise SystemExit(f"planish ended with status {status}")
-    report["peak_memory_mb"] = usage.ru_maxrss / 1024
+    report = json.loads(printed)
+    _, report["peak_memory_mb"] = peak_memory.run(command)
     return out, whole, report
 
 

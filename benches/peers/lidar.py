@@ -13,12 +13,14 @@ default of 12,000 control vertices can follow: what is left of it counts as nois
 import argparse
 import json
 import os
-import subprocess
+import resource
 import tempfile
 import time
 
 import laspy
 import numpy as np
+
+import peak_memory
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
@@ -58,17 +60,13 @@ def main():
             del tile, x, y, z
         out = os.path.join(folder, "land.planish")
         start = time.perf_counter()
-        child = subprocess.Popen(
-            [chosen.program, "fit", path, "--shape", "sheet", "--unit", "m", "-o", out, "--json", "--quiet", *more],
-            stdout=subprocess.PIPE,
+        printed, memory = peak_memory.run(
+            [chosen.program, "fit", path, "--shape", "sheet", "--unit", "m", "-o", out, "--json", "--quiet", *more]
         )
-        report = json.loads(child.stdout.read())
-        _, status, usage = os.wait4(child.pid, 0)
         seconds = time.perf_counter() - start
-        if status:
-            raise SystemExit(f"planish ended with status {status}: {report}")
-        print(f"{n} points: {seconds:.1f} s, of them {report['fit_seconds']:.1f} s for the fit; {usage.ru_utime:.1f} s of both cores;"
-              f" {usage.ru_maxrss / 1024:.0f} MB")
+        report = json.loads(printed)
+        work = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        print(f"{n} points: {seconds:.1f} s, of them {report['fit_seconds']:.1f} s for the fit; {work:.1f} s of both cores; {memory:.0f} MB")
         print({k: report[k] for k in ("observations", "rejected", "coefficients", "rms", "held_out", "sigma", "termination")})
 
 

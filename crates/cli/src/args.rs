@@ -259,6 +259,10 @@ pub struct FitArgs {
           help_heading = "Readings")]
     #[allow(clippy::option_option, reason = "clap's way of an option whose value is optional")]
     pub ground: Option<Option<f64>>,
+    /// Find where the scans stand: every scan but the first may be off by a few percent of the thing's size and a few degrees. Poses whose σ a job
+    /// states are part of the answer without this
+    #[arg(long, help_heading = "Readings", conflicts_with = "known_uv")]
+    pub align: bool,
     /// Set readings aside that lie farther from the surface than this many σ
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate, allow_negative_numbers = true,
           help_heading = "Readings")]

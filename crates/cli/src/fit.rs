@@ -39,6 +39,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             shape: args.shape.map(Into::into),
             known_parameters: args.known_uv,
             tolerance: args.tolerance,
+            align: args.align,
             ground: args
                 .ground
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
@@ -81,6 +82,9 @@ fn read(args: &FitArgs, done: &FitJobReport) -> Vec<PathBuf> {
 fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     let mut all = vec!["fit".to_owned()];
     all.extend(args.scans.iter().map(|path| path.display().to_string()));
+    if args.align {
+        all.push("--align".to_owned());
+    }
     let mut option = |name: &str, value: Option<String>| {
         if let Some(value) = value {
             all.extend([name.to_owned(), value]);
@@ -279,6 +283,8 @@ fn poses(lines: &mut Lines, fit: &FitReport, unit: Unit) {
                 pose.scan.clone(),
                 known(pose.sigma_translation),
                 known(pose.sigma_rotation_deg),
+                pose.moved.map_or("as stated".to_owned(), |moved| significant(moved, 3)),
+                pose.turned_deg.map_or(String::new(), |turned| significant(turned, 3)),
             ]
         })
         .collect();
@@ -289,6 +295,8 @@ fn poses(lines: &mut Lines, fit: &FitReport, unit: Unit) {
                 ("pose", Align::Left),
                 (&format!("σ of translation / {unit}"), Align::Right),
                 ("σ of rotation / °", Align::Right),
+                (&format!("moved / {unit}"), Align::Right),
+                ("turned / °", Align::Right),
             ],
             &rows,
         );

@@ -11,6 +11,7 @@
 //! sigma_across = 0.02              # without either it is estimated
 //! sigma_deg = 2.0                  # of the normals that its scans hold: they then are measurements, too
 //! sigma_k = 0.01                   # of their principal curvatures, one over the unit, likewise
+//! sigma_bias = 0.02                # of what all readings of one scan err in together, along their rays
 //!
 //! [[scan]]
 //! sensor = "laser"                 # may be left out where only one sensor is named, or none
@@ -87,6 +88,7 @@ struct SensorTable {
     sigma_across: Option<Spanned<f64>>,
     sigma_deg: Option<Spanned<f64>>,
     sigma_k: Option<Spanned<f64>>,
+    sigma_bias: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -203,7 +205,9 @@ impl Text {
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
         let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
-        if let (false, Some(found)) = (kind.measures_positions(), table.sigma.as_ref().or(ray_key)) {
+        let sigma_bias = self.sigma(&key("sigma_bias"), table.sigma_bias.as_ref())?;
+        let of_places = table.sigma.as_ref().or(ray_key).or(table.sigma_bias.as_ref());
+        if let (false, Some(found)) = (kind.measures_positions(), of_places) {
             return Err(self.wrong(
                 found,
                 format_args!(
@@ -231,6 +235,7 @@ impl Text {
             noise,
             sigma_normal_deg,
             sigma_curvature,
+            sigma_bias,
         })
     }
 

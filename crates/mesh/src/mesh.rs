@@ -37,8 +37,13 @@ impl BoundingBox {
     /// The box around points, `None` for no points.
     #[must_use]
     pub fn of(points: &[[f64; 3]]) -> Option<Self> {
-        let first = *points.first()?;
-        Some(points.iter().fold(Self { min: first, max: first }, |b, p| Self {
+        Self::around(points.iter().copied())
+    }
+
+    /// The box around points that come one by one, `None` for no points.
+    pub fn around(mut points: impl Iterator<Item = [f64; 3]>) -> Option<Self> {
+        let first = points.next()?;
+        Some(points.fold(Self { min: first, max: first }, |b, p| Self {
             min: std::array::from_fn(|k| b.min[k].min(p[k])),
             max: std::array::from_fn(|k| b.max[k].max(p[k])),
         }))

@@ -38,8 +38,7 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
             ));
         }
         let pose = &posed.scan.world_from_scanner;
-        let world: Vec<[f64; 3]> = posed.scan.points.iter().map(|p| pose.apply(*p)).collect();
-        let bounds = BoundingBox::of(&world);
+        let bounds = BoundingBox::around(posed.scan.points.iter().map(|p| pose.apply(*p)));
         corners.extend(bounds.iter().flat_map(|b| [b.min, b.max]));
         boxes.extend(bounds.map(|b| (b, posed.scan.name.as_str())));
     }

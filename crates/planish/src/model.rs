@@ -2,7 +2,7 @@
 //!
 //! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
 
-use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
 use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -48,7 +48,7 @@ pub struct SigmaSummary {
 }
 
 /// The pose of a scan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PoseReport {
     /// The scan's name.
     pub scan: String,
@@ -60,6 +60,37 @@ pub struct PoseReport {
     pub sigma_translation: Option<f64>,
     /// σ of the rotation in degrees.
     pub sigma_rotation_deg: Option<f64>,
+    /// Where the pose was estimated with the surface: the covariance of its translation and of its rotation vector (radians, about the
+    /// world's axes).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Directions of translation and rotation vector that no reading determines, each as long as one σ of what was stated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub undetermined: Vec<[f64; 6]>,
+    /// How far the scan's readings were moved from where they were stated to be (root mean square), and by which angle they were turned, in degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<f64>,
+    /// See [`Self::moved`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turned_deg: Option<f64>,
+    /// What the sensor added to every reading of the scan, where that was estimated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bias: Option<f64>,
+    /// Its σ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_bias: Option<f64>,
+}
+
+/// What readings say of unknowns that whole scans share, poses and biases, beside the vertices.
+///
+/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan after scan. See
+/// [`planish_estimate::sparse::Bordered`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedInformation {
+    /// The coupling of vertices and unknowns, nodes × unknowns, row by row.
+    pub coupling: Vec<f64>,
+    /// The information about the unknowns, with what was stated of them.
+    pub corner: Vec<f64>,
 }
 
 /// A surface and the information about its control vertices.
@@ -91,6 +122,8 @@ pub struct SurfaceModel {
     /// Where a patch filter fused the readings: what it knows. `prior` and `data` are empty then, because beliefs of single patches are no
     /// information of the whole; σ and later readings are the filter's.
     pub patches: Option<Arc<PatchFilter>>,
+    /// What the readings of whole scans err in together; none where every pose was exact.
+    pub shared: Option<SharedInformation>,
 }
 
 /// The posterior covariance of a model's shape, ready for questions.
@@ -100,14 +133,30 @@ pub struct SurfaceModel {
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
+    /// Whether what scans share counts as known.
+    given_shared: bool,
 }
 
 /// The covariance of a surface's vertices where they share a leaf.
 pub enum NodeCovariance {
     /// Of the nodes, from the information of the whole.
-    Nodes(SelectedInverse, Motion),
+    Nodes(WholeCovariance),
     /// Of the coefficients that each patch knows.
     Patches(Arc<PatchFilter>),
+}
+
+/// The covariance of nodes that share a leaf.
+pub struct WholeCovariance {
+    inverse: SelectedInverse,
+    motion: Motion,
+    /// What shared unknowns add: `G Gᵀ`, node by node a row of `G`.
+    shared: Option<SharedRows>,
+}
+
+/// The rows of `G`.
+struct SharedRows {
+    bordered: Bordered,
+    rows: Vec<f64>,
 }
 
 /// How vertices may move.
@@ -188,10 +237,31 @@ impl SurfaceModel {
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
         let factor = system.factorize_scalar(&total)?;
-        Ok(NodeCovariance::Nodes(
-            SelectedInverse::new(&factor),
-            Motion::Along(directions),
-        ))
+        let shared = match &self.shared {
+            None => None,
+            Some(SharedInformation { coupling, corner }) => Some(Bordered::new(&factor, coupling, corner)?),
+        };
+        Ok(NodeCovariance::Nodes(WholeCovariance {
+            inverse: SelectedInverse::new(&factor),
+            motion: Motion::Along(directions),
+            shared: shared.map(|bordered| SharedRows {
+                rows: bordered.shared_rows(),
+                bordered,
+            }),
+        }))
+    }
+}
+
+impl SharedRows {
+    /// Adds what two nodes share, for each pair of some.
+    fn add_to(&self, covariance: &mut [f64], nodes: &[u32]) {
+        let width = self.bordered.shared();
+        let row = |node: u32| &self.rows[node as usize * width..][..width];
+        for (line, &a) in covariance.chunks_exact_mut(nodes.len()).zip(nodes) {
+            for (entry, &b) in line.iter_mut().zip(nodes) {
+                *entry += row(a).iter().zip(row(b)).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
     }
 }
 
@@ -199,13 +269,30 @@ impl NodeCovariance {
     /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate, nothing for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
         let motion = Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
-        Self::Nodes(inverse, motion)
+        Self::of_motion(inverse, motion)
+    }
+
+    /// From the inverse of the information of vertices that move so.
+    pub(crate) fn of_motion(inverse: SelectedInverse, motion: Motion) -> Self {
+        Self::Nodes(WholeCovariance {
+            inverse,
+            motion,
+            shared: None,
+        })
+    }
+
+    /// The equations of what scans share, the vertices left open.
+    pub(crate) fn shared(&self) -> Option<&Bordered> {
+        match self {
+            Self::Nodes(whole) => whole.shared.as_ref().map(|shared| &shared.bordered),
+            Self::Patches(_) => None,
+        }
     }
 
     /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];
-        let Self::Nodes(inverse, motion) = self else {
+        let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
             return Err(Error::unsupported(
                 "patches know nothing of vertices far from each other",
             ));
@@ -226,7 +313,20 @@ impl NodeCovariance {
 
 impl<'a> Posterior<'a> {
     pub(crate) fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance }
+        Self {
+            surface,
+            covariance,
+            given_shared: false,
+        }
+    }
+
+    /// The same as if poses and biases of all scans were known: what readings of these scans see.
+    pub(crate) fn given_shared(&self) -> Self {
+        Self {
+            surface: self.surface,
+            covariance: Arc::clone(&self.covariance),
+            given_shared: true,
+        }
     }
 
     /// The covariance of a leaf's nodes.
@@ -235,8 +335,12 @@ impl<'a> Posterior<'a> {
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
-        let (inverse, motion) = match &*self.covariance {
-            NodeCovariance::Nodes(inverse, motion) => (inverse, motion),
+        let WholeCovariance {
+            inverse,
+            motion,
+            shared,
+        } = match &*self.covariance {
+            NodeCovariance::Nodes(whole) => whole,
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
                     weights: &EACH_ITSELF,
@@ -249,7 +353,10 @@ impl<'a> Posterior<'a> {
             }
         };
         let (nodes, weights) = self.surface.space().extraction(leaf);
-        let covariance = inverse.dense(nodes).ok_or_else(unknown)?;
+        let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
+        if let Some(shared) = shared.as_ref().filter(|_| !self.given_shared) {
+            shared.add_to(&mut covariance, nodes);
+        }
         Ok(LeafCovariance {
             weights,
             motion: match motion {

@@ -34,7 +34,7 @@
 
 mod patches;
 
-use crate::model::{PoseReport, SensorReport, SurfaceModel};
+use crate::model::{PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -96,12 +96,28 @@ struct Metadata {
     patch_filter: Option<patches::Notes>,
 }
 
+/// What scans share: the coupling of vertices, along the surface's normals, with the unknowns, and the information about these.
+const SHARED_COUPLING: &str = "information_shared_coupling";
+const SHARED_CORNER: &str = "information_shared_corner";
+
 /// What the metadata says of a pose; its numbers are in the tensor `poses`.
 #[derive(Serialize, Deserialize)]
 struct PoseNotes {
     scan: String,
     sigma_translation: Option<f64>,
     sigma_rotation_deg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    covariance: Option<[[f64; 6]; 6]>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    undetermined: Vec<[f64; 6]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    moved: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    turned_deg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    bias: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sigma_bias: Option<f64>,
 }
 
 /// Writes a model; `provenance` names the sessions that made it, oldest first.
@@ -177,6 +193,12 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
                 scan: pose.scan.clone(),
                 sigma_translation: pose.sigma_translation,
                 sigma_rotation_deg: pose.sigma_rotation_deg,
+                covariance: pose.covariance,
+                undetermined: pose.undetermined.clone(),
+                moved: pose.moved,
+                turned_deg: pose.turned_deg,
+                bias: pose.bias,
+                sigma_bias: pose.sigma_bias,
             })
             .collect(),
         provenance: provenance.to_vec(),
@@ -214,6 +236,17 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     ]
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
+    if let Some(shared) = &model.shared {
+        let width = shared.corner.len().isqrt();
+        tensors.insert(
+            SHARED_COUPLING.to_owned(),
+            tensor(&[space.node_count(), width], TensorData::F64(shared.coupling.clone())),
+        );
+        tensors.insert(
+            SHARED_CORNER.to_owned(),
+            tensor(&[width, width], TensorData::F64(shared.corner.clone())),
+        );
+    }
     if let Some(filter) = &model.patches {
         patches::add(&mut tensors, filter)?;
     } else {
@@ -325,6 +358,22 @@ impl Tensors {
         }
     }
 
+    /// What scans share, where any do.
+    fn shared(&mut self, nodes: usize) -> Result<Option<SharedInformation>> {
+        let Some(width) = self.0.get(SHARED_CORNER).map(|t| t.shape.first().copied().unwrap_or(0)) else {
+            return Ok(None);
+        };
+        let corner = self.f64(SHARED_CORNER, &[width])?;
+        let coupling = self.f64(SHARED_COUPLING, &[width])?;
+        if coupling.len() != nodes * width {
+            return Err(Error::input(format!(
+                "tensor `{SHARED_COUPLING}`: needed {nodes} rows, found {}",
+                coupling.len() / width.max(1)
+            )));
+        }
+        Ok(Some(SharedInformation { coupling, corner }))
+    }
+
     fn information(&mut self, name: &str, pattern: &Arc<BlockPattern>) -> Result<BlockInformation> {
         let part = |part: &str| format!("{name}_{part}");
         let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
@@ -419,6 +468,12 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
             quaternion_xyzw: [a, b, c, w],
             sigma_translation: notes.sigma_translation,
             sigma_rotation_deg: notes.sigma_rotation_deg,
+            covariance: notes.covariance,
+            undetermined: notes.undetermined,
+            moved: notes.moved,
+            turned_deg: notes.turned_deg,
+            bias: notes.bias,
+            sigma_bias: notes.sigma_bias,
         });
     let (data, prior, patches) = match metadata.patch_filter {
         None => (
@@ -444,6 +499,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
+        shared: tensors.shared(space.node_count())?,
         measured_coordinates: metadata.measured_coordinates,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,

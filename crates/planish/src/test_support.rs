@@ -47,6 +47,7 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
     SurfaceModel {
         measured_coordinates: None,
         patches: None,
+        shared: None,
         unit: Unit::Millimetre,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
         surface,
@@ -68,6 +69,10 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
             quaternion_xyzw: [0.0, 0.0, 0.6, 0.8],
             sigma_translation: Some(1.0 / 7.0),
             sigma_rotation_deg: None,
+            covariance: Some(std::array::from_fn(|a| {
+                std::array::from_fn(|b| if a == b { 1.0 / 3.0 } else { 0.1 })
+            })),
+            ..PoseReport::default()
         }],
         smoothness_weight: 2.0 / 3.0,
     }

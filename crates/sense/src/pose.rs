@@ -1,5 +1,7 @@
 //! Rigid motions that carry a scanner's frame into the world.
 
+use planish_estimate::vector3::norm;
+
 /// A rigid motion `p_world = R p_scanner + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -28,11 +30,11 @@ impl Pose {
     /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion of length zero or not finite.
     #[must_use]
     pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
-        let norm = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
-        if !norm.is_finite() || norm == 0.0 {
+        let length = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
+        if !length.is_finite() || length == 0.0 {
             return None;
         }
-        let [x, y, z, w] = quaternion.map(|c| c / norm);
+        let [x, y, z, w] = quaternion.map(|c| c / length);
         let rotation = [
             [
                 1.0 - 2.0 * (y * y + z * z),
@@ -51,6 +53,32 @@ impl Pose {
             ],
         ];
         Some(Self { rotation, translation })
+    }
+
+    /// The motion that turns by `|ω|` radians about the axis `ω` through the origin, then moves: `R = exp([ω]×)`.
+    #[must_use]
+    pub fn from_rotation_vector(omega: [f64; 3], translation: [f64; 3]) -> Self {
+        let half = 0.5 * norm(omega);
+        // sin(x)/x, to the last digit where its series has one term more than it needs.
+        let sinc = if half < 1e-4 {
+            1.0 - half * half / 6.0
+        } else {
+            half.sin() / half
+        };
+        let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
+        Self::from_quaternion_xyzw([x, y, z, half.cos()], translation).unwrap_or(Self {
+            translation,
+            ..Self::identity()
+        })
+    }
+
+    /// `ω` of the rotation: its axis times its angle in radians, at most π.
+    #[must_use]
+    pub fn rotation_vector(&self) -> [f64; 3] {
+        let [x, y, z, w] = self.quaternion_xyzw();
+        let sine = norm([x, y, z]);
+        let factor = if sine < 1e-8 { 2.0 } else { 2.0 * sine.atan2(w) / sine };
+        [x, y, z].map(|c| factor * c)
     }
 
     /// The unit quaternion `(x, y, z, w)` of the rotation, with `w ≥ 0`.
@@ -152,6 +180,30 @@ mod tests {
         let (both, stepwise) = (then.after(&first).apply(p), then.apply(first.apply(p)));
         assert!(both.iter().zip(stepwise).all(|(a, b)| (a - b).abs() < 1e-14));
         assert_eq!(Pose::identity().after(&first), first);
+    }
+
+    #[test]
+    fn rotation_vector_there_and_back_keeps_the_motion() {
+        for omega in [
+            [0.3, -1.2, 0.7],
+            [1e-9, 2e-9, -1e-9],
+            [0.0; 3],
+            [0.0, 3.1, 0.0],
+            [1e-5, 0.0, 0.0],
+        ] {
+            let pose = Pose::from_rotation_vector(omega, [1.0, 2.0, 3.0]);
+            let again = pose.rotation_vector();
+            assert!(
+                omega
+                    .iter()
+                    .zip(again)
+                    .all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))),
+                "{omega:?} {again:?}"
+            );
+        }
+        // A quarter turn about z carries x to y.
+        let quarter = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::FRAC_PI_2], [0.0; 3]);
+        assert!((quarter.rotate([1.0, 0.0, 0.0])[1] - 1.0).abs() < 1e-15);
     }
 
     #[test]

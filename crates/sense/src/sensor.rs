@@ -113,6 +113,9 @@ pub struct Sensor {
     pub sigma_normal_deg: Option<f64>,
     /// Standard deviation of its principal curvatures, one over the model's unit, where stated.
     pub sigma_curvature: Option<f64>,
+    /// Standard deviation of what it adds to all readings of one scan alike, along its rays where they are known and along the surface's normal
+    /// elsewhere; none where it adds nothing.
+    pub sigma_bias: Option<f64>,
 }
 
 /// `nᵀ R n` of a covariance `[xx, xy, xz, yy, yz, zz]`.

@@ -17,6 +17,7 @@
 //! Not guaranteed: accuracy beyond what the condition of the information allows. A pivot that keeps no correct digit is
 //! reported as undetermined.
 
+mod bordered;
 mod cholesky;
 mod information;
 mod ordering;
@@ -27,6 +28,7 @@ mod symbolic;
 mod trace;
 mod tree;
 
+pub use bordered::Bordered;
 pub use cholesky::CholeskyFactor;
 pub use information::{BlockInformation, ElementScatter};
 pub use ordering::NodeOrdering;

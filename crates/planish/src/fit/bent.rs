@@ -35,7 +35,7 @@ pub(super) fn unevenly_bent(
     let space = surface.space();
     let leaves = space.leaves().len();
     let motion = Motion::Along(system.node_normals(surface));
-    let covariance = Arc::new(NodeCovariance::Nodes(SelectedInverse::new(factor), motion));
+    let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);
     let curvatures: Vec<Option<[f64; 2]>> = (0..leaves)
         .into_par_iter()

@@ -2,7 +2,7 @@
 
 use super::observations::{Measured, Observations, Quantity, Rejection};
 use crate::point_sigmas::order_by_leaf;
-use planish_estimate::sparse::{BlockInformation, CholeskyFactor, stochastic_trace};
+use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_spline::{DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
@@ -59,6 +59,22 @@ impl Foot {
             .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| {
                 (largest.max(r.abs()), squares + r * r)
             })
+    }
+
+    /// The residuals of a normal or a curvature read here; none where the surface has no tangent plane.
+    pub(super) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<[f64; 3]> {
+        let frame = surface.tangent_rows(self.leaf as usize, self.local)?;
+        Some(match measured {
+            Measured::Position => self.residuals,
+            Measured::Normal(normal) => {
+                let [a, b] = frame.tilt(*normal);
+                [-a, -b, 0.0]
+            }
+            Measured::Curvature(tensor) => {
+                let bend = frame.bend(tensor);
+                std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r])
+            }
+        })
     }
 
     /// The rows of its equations: weights over the leaf's sixteen coefficients, by which their motion along the foot's normal changes what is read.
@@ -133,26 +149,16 @@ pub(super) fn project(
                 residuals: [0.0; 3],
                 variance: observations.variance(i, foot.normal),
             };
-            let frame = || surface.tangent_rows(foot.leaf as usize, foot.local);
             match observations.measured(i) {
                 Measured::Position => {
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
-                    made.residuals[0] = foot.height;
+                    made.residuals[0] =
+                        foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
                     made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
-                Measured::Normal(normal) => match frame() {
-                    Some(frame) => {
-                        let [a, b] = frame.tilt(normal);
-                        made.residuals = [-a, -b, 0.0];
-                    }
-                    None => made.state = FootState::NormalMismatch,
-                },
-                Measured::Curvature(tensor) => match frame() {
-                    Some(frame) => {
-                        let bend = frame.bend(&tensor);
-                        made.residuals = std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r]);
-                    }
+                directional => match made.directional(surface, &directional) {
+                    Some(residuals) => made.residuals = residuals,
                     None => made.state = FootState::NormalMismatch,
                 },
             }
@@ -247,6 +253,8 @@ pub(super) struct NormalStep {
     pub degrees: Vec<f64>,
     /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard deviations of the surface.
     pub decrement: f64,
+    /// How the unknowns that scans share change, where they have any.
+    pub shared: Vec<f64>,
     /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may have a long way to go.
     pub seen: f64,
 }
@@ -320,7 +328,17 @@ pub(super) fn normal_step(
         *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
     }
     let mut step = gradient.clone();
-    factor.solve_in_place(&mut step)?;
+    let shared = if channels.with_shared && !channels.observations.shared.is_empty() {
+        let errors = &channels.observations.shared;
+        let equations = errors.equations(system, surface, &directions, feet, information, channels);
+        let bordered = Bordered::new(&factor, &equations.coupling, &equations.corner)?;
+        let mut shared = equations.gradient.clone();
+        bordered.solve_in_place(&factor, &equations.coupling, &mut step, &mut shared)?;
+        shared
+    } else {
+        factor.solve_in_place(&mut step)?;
+        Vec::new()
+    };
     let degrees = if channels.count == 1 {
         vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
     } else {
@@ -342,6 +360,7 @@ pub(super) fn normal_step(
         surface: surface.with_vertices(vertices.collect())?,
         degrees,
         decrement,
+        shared,
         seen,
     })
 }
@@ -352,6 +371,8 @@ pub(super) struct FootChannels<'a> {
     pub subset: &'a [u32],
     /// Number of channels.
     pub count: usize,
+    /// Whether scans may move.
+    pub with_shared: bool,
 }
 
 impl<'a> FootChannels<'a> {
@@ -360,6 +381,15 @@ impl<'a> FootChannels<'a> {
             observations,
             subset,
             count: observations.stated.len(),
+            with_shared: true,
+        }
+    }
+
+    /// The same for scans that stay where they are.
+    pub(super) fn in_place(self) -> Self {
+        Self {
+            with_shared: false,
+            ..self
         }
     }
 

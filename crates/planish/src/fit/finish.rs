@@ -18,7 +18,7 @@ use planish_spline::{FootPointSearch, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Makes the model and reports; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
+/// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
 pub(super) fn finish(
     set: &ScanSet,
     observations: &Observations,
@@ -26,6 +26,7 @@ pub(super) fn finish(
     options: &FitOptions,
     earlier: Option<&SurfaceModel>,
     absorbed: Option<Absorbed>,
+    origin: [f64; 3],
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let Settled {
@@ -72,16 +73,31 @@ pub(super) fn finish(
         observations: earlier.map_or(0, |m| m.observations),
         measured_coordinates: None,
         patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
+        shared: None,
     };
+    let mut stated = Vec::new();
+    if !observations.shared.is_empty() {
+        let channels = FootChannels::new(observations, &subset);
+        let directions = system.node_normals(&model.surface);
+        let equations =
+            (observations.shared).equations(&system, &model.surface, &directions, &feet, &information, &channels);
+        stated = equations.prior.clone();
+        // Parts are samples of the whole: the others say of their scans what these do.
+        let own = information.iter().filter(|&&w| w > 0.0).count().max(1) as f64;
+        let others: usize = absorbed.iter().flat_map(|a| &a.used).map(|o| o.count).sum();
+        model.shared = Some(equations.into_information(1.0 + others as f64 / own));
+    }
     progress.check("covariance", 0.95)?;
     let covariance = Arc::new(model.covariance(&system)?);
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
+    // What readings see of the surface they see from where their scans stand.
+    let seen = posterior.given_shared();
     let surface = &model.surface;
     let degrees = if observations.stated.len() == 1 && earlier.is_none() && fused.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
         let channels = FootChannels::new(observations, &subset);
-        degrees_of_channels(&posterior, &channels, &feet, &information)?
+        degrees_of_channels(&seen, &channels, &feet, &information)?
     };
     noise = SensorNoise {
         used: noise.used,
@@ -111,7 +127,7 @@ pub(super) fn finish(
     for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
-    let held_out = judge(&posterior, observations, &noise, &mut at, options.gate)?;
+    let held_out = judge(&seen, observations, &noise, &mut at, options.gate)?;
     if !observed.contains(&true) {
         return Err(Error::undetermined(
             "no part of the surface was measured: every reading was gated",
@@ -167,7 +183,12 @@ pub(super) fn finish(
         ));
     }
     warnings.extend(fused.as_ref().and_then(Fused::warning));
-    let poses = pose_reports(set);
+    let mut poses = pose_reports(set);
+    if let Some(bordered) = covariance.shared() {
+        for estimate in observations.shared.estimates(bordered, &stated)? {
+            estimate.report(&mut poses[estimate.scan], origin, observations);
+        }
+    }
     let report = FitReport {
         observations: count,
         rejected,
@@ -210,7 +231,7 @@ pub(super) fn finish(
 /// Lays new observations on the surface of a model whose hierarchy stays.
 pub(super) fn place(
     model: &SurfaceModel,
-    observations: &Observations,
+    observations: &mut Observations,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
@@ -247,6 +268,7 @@ pub(super) fn place(
             Some(&model.data),
             &mut factor,
         )?;
+        observations.take_shared(&step.shared);
         (surface, degrees) = (step.surface, step.degrees);
     }
     Ok(Settled {
@@ -360,6 +382,7 @@ pub(super) fn pose_reports(set: &ScanSet) -> Vec<PoseReport> {
             quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
             sigma_translation: posed.sigma_translation,
             sigma_rotation_deg: posed.sigma_rotation_deg,
+            ..PoseReport::default()
         })
         .collect()
 }

@@ -266,6 +266,7 @@ impl Solved {
             observations: count,
             measured_coordinates: Some(measured),
             patches: None,
+            shared: None,
             surface,
         };
         let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));

@@ -204,6 +204,7 @@ pub(super) struct Absorbed {
 fn prepared(
     parts: &Parts<'_>,
     number: usize,
+    first: &Observations,
     origin: [f64; 3],
     options: &FitOptions,
 ) -> Result<(Observations, Vec<u32>)> {
@@ -216,6 +217,9 @@ fn prepared(
     let set = parts.part(number);
     let mut observations = observe(&set, &options)?;
     observations.move_origin(origin);
+    observations.shared = first.shared.clone();
+    let motions = observations.shared.motions();
+    observations.move_scans(&motions);
     let order = neighbours_together(&observations.points);
     Ok((observations, order))
 }
@@ -290,12 +294,12 @@ pub(super) fn absorb(
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     let mut sums = DirectedSums::new(surface.space());
     // While one part is projected the next is dealt out, which one thread does.
-    let mut coming = Some(prepared(parts, 1, origin, options));
+    let mut coming = Some(prepared(parts, 1, first, origin, options));
     for number in 1..parts.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / parts.count as f64)?;
         let Some(part) = coming.take() else { break };
         let (observations, subset) = part?;
-        let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, origin, options));
+        let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, first, origin, options));
         let add = || {
             absorbed.add(
                 surface,
@@ -326,7 +330,7 @@ pub(super) fn absorb(
         &settled.surface,
         &settled.feet,
         &information,
-        &FootChannels::new(first, &settled.subset),
+        &FootChannels::new(first, &settled.subset).in_place(),
         &settled.prior,
         1.0,
         Some(&absorbed.data),

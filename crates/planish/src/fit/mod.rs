@@ -11,6 +11,7 @@ mod noise;
 mod observations;
 mod patch;
 mod refined;
+mod shared;
 mod smoothing;
 mod stages;
 
@@ -29,6 +30,7 @@ use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
+use shared::SharedErrors;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -50,6 +52,8 @@ pub struct FitOptions {
     pub max_depth: Option<u8>,
     /// What asks for subdivision.
     pub refine_by: RefineBy,
+    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in any case.
+    pub align: bool,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// Readings farther from the surface than this many σ are outliers.
@@ -92,6 +96,7 @@ impl Default for FitOptions {
             filter: None,
             max_depth: None,
             refine_by: RefineBy::Residuals,
+            align: false,
             max_coefficients: 12_000,
             gate: 4.0,
             held_out_share: 0.1,
@@ -229,9 +234,10 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let Some(parts) = Parts::deal(set, options, ground.as_ref())? else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
+        observations.shared = SharedErrors::new(set, &observations, origin, options.align);
         progress.check("normals", 0.01)?;
-        let settled = stages::settle(&observations, &sheet, progress)?;
-        return finish::finish(set, &observations, settled, options, None, None, progress)?.translated(origin);
+        let settled = stages::settle(&mut observations, &sheet, progress)?;
+        return finish::finish(set, &observations, settled, options, None, None, origin, progress)?.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
@@ -247,10 +253,21 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
     progress.check("normals", 0.02)?;
-    let mut settled = stages::settle(&observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
+    let mut settled = stages::settle(&mut observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), progress)?.translated(origin)
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        None,
+        Some(absorbed),
+        origin,
+        progress,
+    )?
+    .translated(origin)
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -327,9 +344,24 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
+    observations.shared = SharedErrors::new(set, &observations, origin, options.align);
     let settled = match &model.patches {
-        None => finish::place(model, &observations, options, progress)?,
-        Some(filter) => patch::update_patches(model, filter, &observations, options, progress)?,
+        None => finish::place(model, &mut observations, options, progress)?,
+        Some(filter) => {
+            patch::refuse_align(options)?;
+            observations.shared = SharedErrors::default();
+            patch::update_patches(model, filter, &observations, options, progress)?
+        }
     };
-    finish::finish(set, &observations, settled, options, Some(model), None, progress)?.translated(origin)
+    finish::finish(
+        set,
+        &observations,
+        settled,
+        options,
+        Some(model),
+        None,
+        origin,
+        progress,
+    )?
+    .translated(origin)
 }

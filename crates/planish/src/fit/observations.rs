@@ -4,11 +4,12 @@
 //! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
 //! to judge it.
 
+use super::shared::SharedErrors;
 use planish_estimate::vector3::{dot, norm, scale, sub, unit, upper_triangle};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
-    Ground, GroundOptions, Noise, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing, classify_ground,
+    Ground, GroundOptions, Noise, Pose, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing, classify_ground,
     cloud_geometry, local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
 };
 use planish_spline::{curvature_tensor, principal_axes};
@@ -135,6 +136,17 @@ enum ScanNoise {
     Curvatures(Vec<([f64; 6], f64)>),
 }
 
+impl Measured {
+    /// The same after a rotation.
+    pub(super) fn turned(&self, by: &Pose) -> Self {
+        match self {
+            Self::Position => Self::Position,
+            Self::Normal(n) => Self::Normal(by.rotate(*n)),
+            Self::Curvature(tensor) => Self::Curvature(rotate_covariance(&by.rotation, tensor)),
+        }
+    }
+}
+
 /// The readings that a fit uses, in world coordinates.
 #[derive(Debug, Clone, Default)]
 pub struct Observations {
@@ -166,6 +178,10 @@ pub struct Observations {
     /// What was left out already, by cause.
     pub rejected: BTreeMap<Rejection, usize>,
     noise: Vec<ScanNoise>,
+    /// For what scans measure beside positions, after all others: the scan that it is of.
+    base: Vec<u32>,
+    /// What the readings of a scan err in together.
+    pub(super) shared: SharedErrors,
     /// The point of its scan that each one is, until directions are added.
     source: Vec<u32>,
     /// Number of readings before anything was left out.
@@ -305,11 +321,7 @@ impl Observations {
                 }
                 kept += 1;
             }
-            let viewing = match scan.viewing {
-                Viewing::Unknown => Viewing::Unknown,
-                Viewing::Direction(d) => Viewing::Direction(scan.world_from_scanner.rotate(d)),
-                Viewing::Origin(o) => Viewing::Origin(scan.world_from_scanner.apply(o)),
-            };
+            let viewing = moved_viewing(scan.viewing, &scan.world_from_scanner);
             made.noise.push(if scan.covariance.is_some() {
                 ScanNoise::Covariance(covariances)
             } else if scan.sigma.is_some() {
@@ -430,6 +442,7 @@ impl Observations {
         self.stated[number] &= stated;
         let scan = self.channel_of_scan.len() as u32;
         self.channel_of_scan.push(number);
+        self.base.push(at.first().map_or(0, |&k| self.scan[k]));
         self.noise.push(noise);
         for (index, &k) in (0..).zip(at) {
             self.points.push(self.points[k]);
@@ -440,6 +453,55 @@ impl Observations {
             self.oriented.push(self.oriented[k]);
         }
         self.total += at.len();
+    }
+
+    /// The scan of the set that a scan here is of.
+    pub(super) fn base_scan(&self, scan: usize) -> usize {
+        let scans = self.channel_of_scan.len() - self.base.len();
+        if scan < scans {
+            scan
+        } else {
+            self.base[scan - scans] as usize
+        }
+    }
+
+    /// How the sensor of a scan looks, where its noise depends on it.
+    pub(super) fn viewing(&self, scan: usize) -> Viewing {
+        match &self.noise[scan] {
+            ScanNoise::Model { viewing, .. } => *viewing,
+            _ => Viewing::Unknown,
+        }
+    }
+
+    /// Changes the shared unknowns by a step and moves the scans with them.
+    pub(super) fn take_shared(&mut self, step: &[f64]) {
+        let motions = self.shared.take(step);
+        self.move_scans(&motions);
+    }
+
+    /// Moves whole scans: their points, their normals, and how their sensors look.
+    pub(super) fn move_scans(&mut self, motions: &[Option<Pose>]) {
+        (self.points.par_iter_mut().zip(&mut self.normals).zip(&self.scan))
+            .with_min_len(4096)
+            .for_each(|((point, normal), &scan)| {
+                if let Some(motion) = &motions[scan as usize] {
+                    *point = motion.apply(*point);
+                    *normal = motion.rotate(normal.map(f64::from)).map(|c| c as f32);
+                }
+            });
+        for (noise, motion) in self.noise.iter_mut().zip(motions) {
+            let Some(motion) = motion else { continue };
+            match noise {
+                ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
+                ScanNoise::Sigma(_) => {}
+                ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c)),
+                ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
+                ScanNoise::Curvatures(all) => {
+                    all.iter_mut()
+                        .for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
+                }
+            }
+        }
     }
 
     /// Number of points.
@@ -761,6 +823,15 @@ pub(super) fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
         x ^= x >> 31;
     }
     (x >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// How a sensor looks after a motion.
+pub(super) fn moved_viewing(viewing: Viewing, motion: &Pose) -> Viewing {
+    match viewing {
+        Viewing::Unknown => Viewing::Unknown,
+        Viewing::Direction(d) => Viewing::Direction(motion.rotate(d)),
+        Viewing::Origin(o) => Viewing::Origin(motion.apply(o)),
+    }
 }
 
 /// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.

@@ -16,7 +16,7 @@ use super::{Fit, FitOptions, finish, observation_options, observe};
 use crate::model::SurfaceModel;
 use crate::progress::{Part, Progress};
 use crate::stream::{Core, Incoming, Rules, What};
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{
     FootPointSearch, Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
@@ -106,7 +106,7 @@ impl FirstFit {
 /// # Errors
 /// As for [`super::fit`].
 pub(crate) fn first_fit_of(
-    observations: &Observations,
+    observations: &mut Observations,
     first: Vec<u32>,
     options: &FitOptions,
     progress: &dyn Progress,
@@ -249,12 +249,23 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     Ok((made, levels))
 }
 
+/// Poses are no part of a patch's state: what many patches share cannot be told to each of them as if it were news.
+pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
+    if options.align {
+        return Err(Error::unsupported(
+            "the patch filter takes poses as they are stated: needed the global filter to align scans",
+        ));
+    }
+    Ok(())
+}
+
 /// Fits scans by the patch filter.
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let sheet = FitOptions {
         shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
         ..options.clone()
     };
+    refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
@@ -264,8 +275,12 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MOST_FIRST);
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
-    let FirstFit { settled, core } =
-        first_fit_of(&observations, first.to_vec(), &sheet, &Part::new(progress, 0.02, 0.4))?;
+    let FirstFit { settled, core } = first_fit_of(
+        &mut observations,
+        first.to_vec(),
+        &sheet,
+        &Part::new(progress, 0.02, 0.4),
+    )?;
     let fused = stream(
         &observations,
         settled,
@@ -274,7 +289,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         options,
         &Part::new(progress, 0.4, 0.85),
     )?;
-    finish::finish(set, &observations, fused, options, None, None, progress)?.translated(origin)
+    finish::finish(set, &observations, fused, options, None, None, origin, progress)?.translated(origin)
 }
 
 /// Filters the readings of another day into a saved model.

@@ -94,7 +94,11 @@ pub(super) struct Settled {
 }
 
 /// Finds the first shape and settles it.
-pub(super) fn settle(observations: &Observations, options: &FitOptions, progress: &dyn Progress) -> Result<Settled> {
+pub(super) fn settle(
+    observations: &mut Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Settled> {
     let surface = first_surface(observations, options, 1, progress)?;
     let subset: Vec<u32> = (0..observations.len() as u32)
         .filter(|&i| !observations.held_out[i as usize])
@@ -230,7 +234,7 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
 
 /// Iterates and refines until residuals hold no more shape.
 pub(super) fn refine_to_noise(
-    observations: &Observations,
+    observations: &mut Observations,
     mut surface: Surface,
     subset: Vec<u32>,
     options: &FitOptions,
@@ -301,6 +305,7 @@ pub(super) fn refine_to_noise(
                 None,
                 &mut factor,
             )?;
+            observations.take_shared(&step.shared);
             surface = step.surface;
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
@@ -369,7 +374,7 @@ pub(super) fn refine_to_noise(
         };
         if let (true, Some(factor)) = (options.refine_by.curvature(), &factor) {
             let known: HashSet<usize> = verdict.iter().map(|m| m.leaf).collect();
-            let read = (observations, &sample[..], &feet[..]);
+            let read = (&*observations, &sample[..], &feet[..]);
             let bent = unevenly_bent(&surface, &system, factor, read, &noise, deepest(options))?;
             verdict.extend(bent.into_iter().filter(|m| !known.contains(&m.leaf)));
         }

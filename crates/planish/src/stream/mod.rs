@@ -242,7 +242,7 @@ impl SurfaceStream {
             max_coefficients: options.max_coefficients,
             ..FitOptions::default()
         };
-        let observations = Observations::new(
+        let mut observations = Observations::new(
             &[&scan],
             &[0],
             &[Sensor::default()],
@@ -256,7 +256,7 @@ impl SurfaceStream {
             },
         )?;
         let all = (0..observations.len() as u32).collect();
-        let found = first_fit_of(&observations, all, &fit, &Silent)?;
+        let found = first_fit_of(&mut observations, all, &fit, &Silent)?;
         let (sigma_factor, smoothness_weight) = (found.sigma_factor(), found.smoothness_weight());
         let earlier = found.readings();
         let FirstFit { core, .. } = found;
@@ -328,6 +328,7 @@ impl SurfaceStream {
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
             measured_coordinates: None,
+            shared: None,
             patches: Some(Arc::new(self.core.filter.clone())),
             surface,
         })

@@ -1,0 +1,506 @@
+//! What all readings of one scan err in together: where the scan stands, and what its sensor adds to every range.
+//!
+//! Comes in: scans whose pose or bias has a σ. Goes out: up to seven unknowns for each of them, `τ` and `ω` of a motion and a bias `b`, that are
+//! part of the state beside the control vertices, their coupling with these, and their covariance. A reading's residual changes with them by
+//!
+//! ```text
+//! position    ∂r/∂τ = n      ∂r/∂ω = (z − c) × n      ∂r/∂b = −n·d
+//! ```
+//!
+//! with the foot's normal `n`, a centre `c` that the motion turns about, and the ray `d`. What the paper calls the registration of views
+//! is this part of the state; correlated noise is a low-rank term, not a matrix over all readings.
+//!
+//! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at every iteration and follows the
+//! slope of the residuals.
+
+use super::engine::{Foot, FootChannels};
+use super::observations::{Measured, Observations, moved_viewing};
+use crate::model::{PoseReport, SharedInformation};
+use planish_estimate::Result;
+use planish_estimate::sparse::Bordered;
+use planish_estimate::vector3::{add, cross, distance, dot, norm, sub};
+use planish_exchange::ScanSet;
+use planish_mesh::BoundingBox;
+use planish_sense::{Pose, Viewing, ray_at};
+use planish_spline::{Surface, SurfaceSystem};
+use rayon::prelude::*;
+
+/// Unknowns of one scan: a translation, a rotation, a bias.
+const UNKNOWNS: usize = 7;
+const ROTATION: usize = 3;
+const BIAS: usize = 6;
+/// σ of the rotation of a scan of which nothing is known but its rough place, in radians; that of its place is the cloud's size.
+const FREE_ROTATION: f64 = 1.0;
+/// A scan moves no farther in one iteration than this share of the cloud's size, and turns by no more radians.
+const LONGEST_STEP: f64 = 0.1;
+/// Readings that took away less than this share of the variance from a direction do not determine it.
+const DETERMINED: f64 = 0.5;
+/// Rotation by which the change of directions is found by differences, in radians.
+const DIFFERENCE: f64 = 1e-5;
+
+/// The unknowns of one scan.
+#[derive(Debug, Clone)]
+pub(super) struct SharedError {
+    /// The scan, among those of the set.
+    pub scan: usize,
+    /// Which of the seven unknowns it has.
+    unknowns: Vec<usize>,
+    /// σ of translation, rotation and bias; zero where exact.
+    sigmas: [f64; 3],
+    /// What the motion turns about.
+    center: [f64; 3],
+    /// The pose as stated, as it is now, and the bias.
+    stated: Pose,
+    pub now: Pose,
+    pub bias: f64,
+    /// How the sensor looks, in the world as it is now.
+    viewing: Viewing,
+}
+
+/// All of them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SharedErrors {
+    pub errors: Vec<SharedError>,
+    /// For each scan of the set its error.
+    of_scan: Vec<Option<usize>>,
+    /// The size of the cloud.
+    size: f64,
+}
+
+impl SharedError {
+    fn width(&self) -> usize {
+        self.unknowns.len()
+    }
+
+    fn moves(&self) -> bool {
+        self.unknowns.iter().any(|&k| k < BIAS)
+    }
+
+    /// The rotation from the stated pose, and the motion of the scanner's origin.
+    fn deviation(&self) -> [f64; UNKNOWNS] {
+        let turn = Pose {
+            translation: [0.0; 3],
+            ..self.now
+        }
+        .after(&Pose {
+            translation: [0.0; 3],
+            ..self.stated.inverse()
+        });
+        let t = sub(self.now.translation, self.stated.translation);
+        let w = turn.rotation_vector();
+        [t[0], t[1], t[2], w[0], w[1], w[2], self.bias]
+    }
+
+    /// How the deviation from what was stated changes with the unknowns: a turn about the centre moves the scanner's origin.
+    fn derivative(&self) -> [[f64; UNKNOWNS]; UNKNOWNS] {
+        let mut d = [[0.0; UNKNOWNS]; UNKNOWNS];
+        for (k, row) in d.iter_mut().enumerate() {
+            row[k] = 1.0;
+        }
+        let arm = sub(self.now.translation, self.center);
+        for axis in 0..3 {
+            let mut turn = [0.0; 3];
+            turn[axis] = 1.0;
+            let moved = cross(turn, arm);
+            for k in 0..3 {
+                d[k][ROTATION + axis] = moved[k];
+            }
+        }
+        d
+    }
+
+    /// 1/σ² of each of the seven; nothing of those that are exact, as they do not move.
+    fn stated_information(&self) -> [f64; UNKNOWNS] {
+        std::array::from_fn(|k| {
+            let sigma = self.sigmas[(k / 3).min(2)];
+            if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 }
+        })
+    }
+
+    /// What was stated, as information about the unknowns and its pull on them.
+    fn prior(&self) -> (Vec<f64>, Vec<f64>) {
+        let (j, w, e) = (self.derivative(), self.stated_information(), self.deviation());
+        let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
+        let pull = |a: usize| -(0..UNKNOWNS).map(|k| j[k][a] * w[k] * e[k]).sum::<f64>();
+        let own = || self.unknowns.iter().copied();
+        (
+            own().flat_map(|a| own().map(move |b| of(a, b))).collect(),
+            own().map(pull).collect(),
+        )
+    }
+
+    /// The ray through a point, where it is known.
+    fn ray(&self, p: [f64; 3]) -> Option<[f64; 3]> {
+        ray_at(self.viewing, p)
+    }
+
+    /// Changes of the residuals of a reading with all seven.
+    fn rows(&self, surface: &Surface, foot: &Foot, point: [f64; 3], measured: &Measured) -> [[f64; UNKNOWNS]; 3] {
+        let mut rows = [[0.0; UNKNOWNS]; 3];
+        match measured {
+            Measured::Position => {
+                let n = foot.normal;
+                let turn = cross(sub(point, self.center), n);
+                let along = self.ray(point).map_or(1.0, |d| dot(n, d));
+                rows[0] = [n[0], n[1], n[2], turn[0], turn[1], turn[2], -along];
+            }
+            Measured::Normal(_) | Measured::Curvature(_) => {
+                for axis in 0..3 {
+                    let turned = |by: f64| {
+                        let mut omega = [0.0; 3];
+                        omega[axis] = by;
+                        foot.directional(surface, &measured.turned(&Pose::from_rotation_vector(omega, [0.0; 3])))
+                    };
+                    if let (Some(more), Some(less)) = (turned(DIFFERENCE), turned(-DIFFERENCE)) {
+                        for r in 0..3 {
+                            rows[r][ROTATION + axis] = (more[r] - less[r]) / (2.0 * DIFFERENCE);
+                        }
+                    }
+                }
+            }
+        }
+        rows
+    }
+}
+
+impl SharedErrors {
+    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for the first of them.
+    pub(super) fn new(set: &ScanSet, observations: &Observations, origin: [f64; 3], align: bool) -> Self {
+        let size = BoundingBox::of(&observations.points).map_or(0.0, |b| b.diagonal());
+        let mut made = Self {
+            of_scan: vec![None; observations.channel_of_scan.len()],
+            size,
+            ..Self::default()
+        };
+        let mut sums = vec![([0.0; 3], 0_usize); set.scans.len()];
+        for (p, &s) in observations.points.iter().zip(&observations.scan) {
+            if let Some((sum, count)) = sums.get_mut(observations.base_scan(s as usize)) {
+                (*sum, *count) = (add(*sum, *p), *count + 1);
+            }
+        }
+        let mut anchored = false;
+        for (s, posed) in set.scans.iter().enumerate() {
+            let (sum, count) = sums[s];
+            let states_none = posed.sigma_translation.is_none() && posed.sigma_rotation_deg.is_none();
+            let is_free = align && states_none && anchored;
+            anchored |= states_none;
+            let sigmas = [
+                posed.sigma_translation.or(is_free.then_some(size)),
+                (posed.sigma_rotation_deg.map(f64::to_radians)).or(is_free.then_some(FREE_ROTATION)),
+                set.sensors[posed.sensor].sigma_bias,
+            ]
+            .map(|sigma| sigma.unwrap_or(0.0));
+            let unknowns: Vec<usize> = (0..UNKNOWNS).filter(|k| sigmas[(k / 3).min(2)] > 0.0).collect();
+            if unknowns.is_empty() || count == 0 {
+                continue;
+            }
+            let mut stated = posed.scan.world_from_scanner;
+            stated.translation = sub(stated.translation, origin);
+            made.of_scan[s] = Some(made.errors.len());
+            made.errors.push(SharedError {
+                scan: s,
+                center: if sigmas[0] > 0.0 {
+                    sum.map(|c| c / count as f64)
+                } else {
+                    // Its place is exact: it turns about it.
+                    stated.translation
+                },
+                unknowns,
+                sigmas,
+                stated,
+                now: stated,
+                bias: 0.0,
+                viewing: observations.viewing(s),
+            });
+        }
+        for s in set.scans.len()..made.of_scan.len() {
+            made.of_scan[s] = made.of_scan[observations.base_scan(s)];
+        }
+        made
+    }
+
+    /// Whether no scan has any.
+    pub(super) fn is_empty(&self) -> bool {
+        self.errors.is_empty()
+    }
+
+    /// What is to be taken off the height of a position: the bias as far as it lies along the normal.
+    #[inline]
+    pub(super) fn bias_along(&self, scan: u32, point: [f64; 3], normal: [f64; 3]) -> f64 {
+        let Some(error) = self.of_scan.get(scan as usize).copied().flatten() else {
+            return 0.0;
+        };
+        let error = &self.errors[error];
+        if error.bias == 0.0 {
+            return 0.0;
+        }
+        error.bias * error.ray(point).map_or(1.0, |d| dot(normal, d))
+    }
+
+    /// Changes the unknowns by a step, and says how each scan of the observations is moved by it.
+    pub(super) fn take(&mut self, step: &[f64]) -> Vec<Option<Pose>> {
+        let mut moved = vec![None; self.errors.len()];
+        let mut start = 0;
+        for (error, moved) in self.errors.iter_mut().zip(&mut moved) {
+            let mut by = [0.0; UNKNOWNS];
+            for (&k, s) in error.unknowns.iter().zip(&step[start..]) {
+                by[k] = *s;
+            }
+            start += error.width();
+            error.bias += by[BIAS];
+            if !error.moves() {
+                continue;
+            }
+            let most = |v: [f64; 3], longest: f64| {
+                let length = norm(v);
+                if length > longest {
+                    v.map(|c| c * longest / length)
+                } else {
+                    v
+                }
+            };
+            let translation = most([by[0], by[1], by[2]], LONGEST_STEP * self.size);
+            let rotation = most([by[3], by[4], by[5]], LONGEST_STEP);
+            let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
+            // About the centre: z ↦ R (z − c) + c + τ.
+            let motion = Pose {
+                translation: add(translation, sub(error.center, turn.rotate(error.center))),
+                ..turn
+            };
+            error.now = motion.after(&error.now);
+            error.viewing = moved_viewing(error.viewing, &motion);
+            *moved = Some(motion);
+        }
+        (self.of_scan.iter())
+            .map(|error| error.and_then(|e| moved[e]))
+            .collect()
+    }
+
+    /// The motions from where scans were stated to stand to where they stand now, for those of other observations of the same set.
+    pub(super) fn motions(&self) -> Vec<Option<Pose>> {
+        (self.of_scan.iter())
+            .map(|error| {
+                error
+                    .map(|e| &self.errors[e])
+                    .filter(|error| error.moves())
+                    .map(|error| error.now.after(&error.stated.inverse()))
+            })
+            .collect()
+    }
+
+    /// Information of the readings about the unknowns and their coupling with the vertices along `directions`, linearised where all of them are.
+    pub(super) fn equations(
+        &self,
+        system: &SurfaceSystem,
+        surface: &Surface,
+        directions: &[[f64; 3]],
+        feet: &[Foot],
+        information: &[f64],
+        channels: &FootChannels<'_>,
+    ) -> SharedEquations {
+        let nodes = system.space().node_count();
+        let mut own: Vec<Vec<u32>> = vec![Vec::new(); self.errors.len()];
+        for (k, (&i, &w)) in channels.subset.iter().zip(information).enumerate() {
+            let scan = channels.observations.scan[i as usize] as usize;
+            if w > 0.0
+                && let Some(error) = self.of_scan[scan]
+            {
+                own[error].push(k as u32);
+            }
+        }
+        // Scan by scan: each has columns of its own.
+        let parts: Vec<_> = (self.errors.par_iter().zip(&own))
+            .map(|(error, own)| error.equations(system, surface, directions, feet, information, channels, own))
+            .collect();
+        let width: usize = self.errors.iter().map(SharedError::width).sum();
+        let mut made = SharedEquations {
+            coupling: vec![0.0; nodes * width],
+            corner: vec![0.0; width * width],
+            gradient: vec![0.0; width],
+            prior: vec![0.0; width * width],
+        };
+        let mut start = 0;
+        for (error, part) in self.errors.iter().zip(parts) {
+            let m = error.width();
+            for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
+                row[start..start + m].copy_from_slice(part);
+            }
+            for a in 0..m {
+                for b in 0..m {
+                    made.corner[(start + a) * width + start + b] = part.corner[a * m + b];
+                    made.prior[(start + a) * width + start + b] = part.prior[a * m + b];
+                }
+                made.gradient[start + a] = part.gradient[a];
+            }
+            start += m;
+        }
+        made
+    }
+
+    /// σ of every scan's pose and bias from the reduced equations.
+    pub(super) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<SharedEstimate>> {
+        let covariance = bordered.shared_covariance();
+        let width = bordered.shared();
+        let undetermined = bordered.undetermined(prior, DETERMINED)?;
+        let mut start = 0;
+        Ok(self
+            .errors
+            .iter()
+            .map(|error| {
+                let j = error.derivative();
+                let m = error.width();
+                // Of the deviation from the stated pose: what a job file would state.
+                let of = |a: usize, b: usize| -> f64 {
+                    let (rows, columns) = (&j[a], &j[b]);
+                    (0..m)
+                        .flat_map(|p| (0..m).map(move |q| (p, q)))
+                        .map(|(p, q)| {
+                            rows[error.unknowns[p]]
+                                * covariance[(start + p) * width + start + q]
+                                * columns[error.unknowns[q]]
+                        })
+                        .sum()
+                };
+                let pose: [[f64; 6]; 6] = std::array::from_fn(|a| std::array::from_fn(|b| of(a, b)));
+                let directions = undetermined.iter().filter_map(|v| {
+                    let mut own = [0.0; UNKNOWNS];
+                    for (&k, v) in error.unknowns.iter().zip(&v[start..]) {
+                        own[k] = *v;
+                    }
+                    let turned: [f64; 6] =
+                        std::array::from_fn(|a| (0..UNKNOWNS).map(|k| j[a][k] * own[k]).sum::<f64>());
+                    turned.iter().any(|c| c.abs() > 1e-9).then_some(turned)
+                });
+                let made = SharedEstimate {
+                    scan: error.scan,
+                    stated: error.stated,
+                    pose: error.now,
+                    covariance: error.moves().then_some(pose),
+                    undetermined: directions.collect(),
+                    bias: (error.unknowns.contains(&BIAS)).then(|| (error.bias, of(BIAS, BIAS).max(0.0).sqrt())),
+                };
+                start += m;
+                made
+            })
+            .collect())
+    }
+}
+
+/// What a fit found of one scan.
+#[derive(Debug, Clone)]
+pub(super) struct SharedEstimate {
+    pub scan: usize,
+    /// As it was stated and as it is.
+    stated: Pose,
+    pub pose: Pose,
+    /// Of translation and rotation vector about the world's axes, where it has any.
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Directions that the readings do not determine, each as long as one σ of what was known before.
+    pub undetermined: Vec<[f64; 6]>,
+    /// The bias and its σ.
+    pub bias: Option<(f64, f64)>,
+}
+
+impl SharedEstimate {
+    /// Fills in the report of the scan; `origin` is where that of the estimate lies in the world.
+    pub(super) fn report(&self, report: &mut PoseReport, origin: [f64; 3], observations: &Observations) {
+        if let Some(covariance) = &self.covariance {
+            let back = self.stated.after(&self.pose.inverse());
+            let own = (observations.points.iter().zip(&observations.scan)).filter(|(_, s)| **s as usize == self.scan);
+            let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
+                (sum + distance(back.apply(*p), *p).powi(2), count + 1)
+            });
+            report.moved = Some((sum / f64::from(count.max(1))).sqrt());
+            report.turned_deg = Some(norm(back.rotation_vector()).to_degrees());
+            report.translation = add(self.pose.translation, origin);
+            report.quaternion_xyzw = self.pose.quaternion_xyzw();
+            let sigma = |from: usize| {
+                ((0..3).map(|k| covariance[from + k][from + k]).sum::<f64>() / 3.0)
+                    .max(0.0)
+                    .sqrt()
+            };
+            report.sigma_translation = Some(sigma(0));
+            report.sigma_rotation_deg = Some(sigma(ROTATION).to_degrees());
+            report.covariance = Some(*covariance);
+            report.undetermined.clone_from(&self.undetermined);
+        }
+        if let Some((bias, sigma)) = self.bias {
+            (report.bias, report.sigma_bias) = (Some(bias), Some(sigma));
+        }
+    }
+}
+
+/// `[… C; Cᵀ P] [x; p] = [… ; h]`: what readings say of the shared unknowns.
+pub(super) struct SharedEquations {
+    /// `C`, nodes × unknowns.
+    pub coupling: Vec<f64>,
+    /// `P` with what was stated.
+    pub corner: Vec<f64>,
+    /// `h`.
+    pub gradient: Vec<f64>,
+    /// What was stated, alone.
+    pub prior: Vec<f64>,
+}
+
+impl SharedEquations {
+    /// As it goes into a model; readings like these were so many times as many.
+    pub(super) fn into_information(mut self, factor: f64) -> SharedInformation {
+        self.coupling.iter_mut().for_each(|c| *c *= factor);
+        for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
+            *p = factor * (*p - prior) + prior;
+        }
+        SharedInformation {
+            coupling: self.coupling,
+            corner: self.corner,
+        }
+    }
+}
+
+impl SharedError {
+    fn equations(
+        &self,
+        system: &SurfaceSystem,
+        surface: &Surface,
+        directions: &[[f64; 3]],
+        feet: &[Foot],
+        information: &[f64],
+        channels: &FootChannels<'_>,
+        own: &[u32],
+    ) -> SharedEquations {
+        let (space, m) = (system.space(), self.width());
+        let (prior, gradient) = self.prior();
+        let mut made = SharedEquations {
+            coupling: vec![0.0; space.node_count() * m],
+            corner: prior.clone(),
+            gradient,
+            prior,
+        };
+        for &k in own {
+            let (foot, w) = (&feet[k as usize], information[k as usize]);
+            let i = channels.subset[k as usize] as usize;
+            let (point, measured) = (channels.observations.points[i], channels.observations.measured(i));
+            let rows = self.rows(surface, foot, point, &measured);
+            let (nodes, weights) = space.extraction(foot.leaf as usize);
+            foot.rows(surface, |r, over_leaf| {
+                let row: Vec<f64> = self.unknowns.iter().map(|&k| rows[r][k]).collect();
+                let residual = foot.residuals()[r];
+                for (a, ra) in row.iter().enumerate() {
+                    made.gradient[a] -= w * ra * residual;
+                    for (b, rb) in row.iter().enumerate() {
+                        made.corner[a * m + b] += w * ra * rb;
+                    }
+                }
+                for (&node, weights) in nodes.iter().zip(weights) {
+                    let along: f64 = weights.iter().zip(over_leaf).map(|(w, c)| w * c).sum();
+                    let of_node = w * along * dot(foot.normal, directions[node as usize]);
+                    if of_node != 0.0 {
+                        for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
+                            *c -= of_node * r;
+                        }
+                    }
+                }
+            });
+        }
+        made
+    }
+}
