@@ -3,6 +3,7 @@
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
+use planish::fit::{Filter, RefineBy};
 use planish::next::Length;
 use planish::propagate::SymmetryChoice;
 use planish::{Shape, SymmetryKind, Unit};
@@ -10,6 +11,9 @@ use std::path::PathBuf;
 
 /// More threads than this are a slip of the keyboard.
 const MOST_THREADS: usize = 1024;
+
+/// More levels than this have cells too small for any reading.
+const MOST_DEPTH: u8 = 7;
 
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
@@ -155,6 +159,42 @@ impl From<PartName> for ComparedPart {
     }
 }
 
+/// A filter on the command line.
+#[allow(missing_docs, reason = "as for `ShapeName`")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FilterName {
+    Global,
+    Patch,
+}
+
+impl From<FilterName> for Filter {
+    fn from(name: FilterName) -> Self {
+        match name {
+            FilterName::Global => Self::Global,
+            FilterName::Patch => Self::Patch,
+        }
+    }
+}
+
+/// What asks for subdivision, on the command line.
+#[allow(missing_docs, reason = "as for `ShapeName`")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum RefineByName {
+    Residuals,
+    Curvature,
+    Both,
+}
+
+impl From<RefineByName> for RefineBy {
+    fn from(name: RefineByName) -> Self {
+        match name {
+            RefineByName::Residuals => Self::Residuals,
+            RefineByName::Curvature => Self::Curvature,
+            RefineByName::Both => Self::Both,
+        }
+    }
+}
+
 /// A topology of simulated things.
 #[allow(missing_docs, reason = "as for `ShapeName`")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -181,6 +221,7 @@ Examples:
   planish fit today.ply --update part.planish -o newer.planish
   planish fit tile.laz --ground -o ground.tif
   planish fit vessel/job.toml --symmetry rotation:full -o whole.ply
+  planish fit examples/data/pebble/job.toml --filter patch --max-depth 3 -o part.planish
 
 Scans are .ply, .pcd, .e57, .las, .laz, .obj, .stl, .glb, .npy, .npz, .xyz, .txt, .asc, .csv or .pts, and depth images .png or .tif with \
 the camera's calibration in a .toml of the same name; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
@@ -207,7 +248,7 @@ pub struct FitArgs {
 
     /// Add the scans to this saved model; its grid stays, its smoothness prior counts once
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
-          conflicts_with_all = ["shape", "tolerance", "max_coefficients"])]
+          conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
     /// Topology: a sheet has one border, a tube is open at both ends, a ball is closed, a torus has a hole through it
     /// [default: sheet, tube or ball, as the points say]
@@ -217,11 +258,22 @@ pub struct FitArgs {
     /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise: balls and tori take 4x4 cells at least; of σ only
     /// the column sigma, or one of a sensor; no more than 3000 readings are held out)
     #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface",
-          conflicts_with_all = ["update", "tolerance", "max_coefficients", "ground"])]
+          conflicts_with_all = ["update", "tolerance", "max_coefficients", "max_depth", "refine_by", "filter", "ground"])]
     pub known_uv: Option<[usize; 2]>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
     pub tolerance: Option<f64>,
+    /// How readings are fused: `global` all at once, the most accurate; `patch` one at a time into small patches, in memory that does not grow with
+    /// the readings, as the filter of a live sensor would
+    #[arg(long, value_name = "FILTER", value_enum, help_heading = "Surface")]
+    pub filter: Option<FilterName>,
+    /// No more levels of subdivision beyond the base grid than this [default: as many as the readings fill; of the patch filter 3]
+    #[arg(long, value_name = "N", value_parser = depth, allow_negative_numbers = true, help_heading = "Surface")]
+    pub max_depth: Option<u8>,
+    /// What asks for subdivision: readings that err together where the surface cannot follow them, Gaussian curvature that varies,
+    /// sd(K)/max(|K|, σ_K) > 0.5 beyond what σ_K explains, or either
+    #[arg(long, value_name = "CAUSE", value_enum, default_value_t = RefineByName::Residuals, help_heading = "Surface")]
+    pub refine_by: RefineByName,
     /// No more control vertices than this
     #[arg(
         long,
@@ -951,6 +1003,13 @@ fn disparities(text: &str) -> Result<[i32; 2], String> {
     match ends[..] {
         [Some(first), Some(last)] if first < last => Ok([first, last]),
         _ => Err("needed the least and the greatest disparity, as in 0..127".to_owned()),
+    }
+}
+
+fn depth(text: &str) -> Result<u8, String> {
+    match text.parse() {
+        Ok(depth) if depth <= MOST_DEPTH => Ok(depth),
+        _ => Err(format!("needed a whole number of levels from 0 to {MOST_DEPTH}")),
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::args::{Completion, FitArgs, MotionName};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
-use planish::fit::{FitOptions, FitReport, FitTermination, GroundWidth};
+use clap::ValueEnum;
+use planish::fit::{Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
@@ -43,6 +44,9 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             ground: args
                 .ground
                 .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
+            filter: args.filter.map(Filter::from),
+            max_depth: args.max_depth,
+            refine_by: args.refine_by.into(),
             max_coefficients: args.max_coefficients,
             symmetry: args.symmetry,
             rigid_motion: args.motion == Some(MotionName::Rigid),
@@ -104,6 +108,13 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option(
         "--max-coefficients",
         (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
+    );
+    let value_name = |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
+    option("--filter", args.filter.and_then(|f| value_name(f.to_possible_value())));
+    option("--max-depth", args.max_depth.map(|d| d.to_string()));
+    option(
+        "--refine-by",
+        value_name(args.refine_by.to_possible_value()).filter(|_| RefineBy::from(args.refine_by) != defaults.refine_by),
     );
     option("--gate", differs(args.gate, defaults.gate));
     option("--held-out", differs(args.held_out, defaults.held_out_share));
@@ -172,6 +183,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
             "measured",
             format!("{} of the area", percent(fit.observed_area_fraction)),
         ),
+        ("divided", divided(fit)),
         ("ended", ending(fit).to_owned()),
     ]);
     propagation(&mut lines, fit, *unit);
@@ -186,6 +198,26 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
         lines.line(format!("Wrote {}: {}", file.file.display(), contents(file, *unit)));
     }
     lines.into_text()
+}
+
+/// What was divided, level by level, and why.
+fn divided(fit: &FitReport) -> String {
+    let what = match fit.filter {
+        Filter::Global => "cell",
+        Filter::Patch => "patch",
+    };
+    let levels: Vec<String> = (fit.refined.iter())
+        .map(|level| {
+            let causes: Vec<String> = level.causes.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
+            let number = counted(level.divided, what).replace("patchs", "patches");
+            format!("{number} of level {} ({})", level.level, causes.join(", "))
+        })
+        .collect();
+    if levels.is_empty() {
+        "nothing".to_owned()
+    } else {
+        levels.join("; ")
+    }
 }
 
 fn ending(fit: &FitReport) -> &'static str {

@@ -6,7 +6,7 @@ use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
 use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_spline::{Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{PatchFilter, StateLayout, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -163,6 +163,9 @@ pub struct SurfaceModel {
     /// Where the parameters of all readings were known: which coordinates were measured, the others being exact functions of the
     /// parameters. All coordinates of a vertex have the same information then, and are independent. None where readings were projected.
     pub measured_coordinates: Option<[bool; 3]>,
+    /// Where a patch filter fused the readings: what it knows. `prior` and `data` are empty then, because beliefs of single patches are no
+    /// information of the whole; σ and later readings are the filter's.
+    pub patches: Option<Arc<PatchFilter>>,
     /// What the readings of whole scans err in together; none where every pose was exact.
     pub shared: Option<SharedInformation>,
 }
@@ -179,7 +182,15 @@ pub struct Posterior<'a> {
 }
 
 /// The covariance of a surface's vertices where they share a leaf.
-pub struct NodeCovariance {
+pub enum NodeCovariance {
+    /// Of the nodes, from the information of the whole.
+    Nodes(WholeCovariance),
+    /// Of the coefficients that each patch knows.
+    Patches(Arc<PatchFilter>),
+}
+
+/// The covariance of nodes that share a leaf.
+pub struct WholeCovariance {
     inverse: SelectedInverse,
     motion: Motion,
     /// What shared unknowns add: `G Gᵀ`, node by node a row of `G`.
@@ -193,7 +204,7 @@ struct SharedRows {
 }
 
 /// How vertices may move.
-enum Motion {
+pub enum Motion {
     /// One unknown a node, along these directions.
     Along(Vec<[f64; 3]>),
     /// The coordinates independently of each other, each with so many times the covariance.
@@ -206,6 +217,17 @@ pub struct LeafCovariance<'a> {
     motion: Motion,
     covariance: Vec<f64>,
 }
+
+/// The sixteen coefficients of a leaf as functions of themselves.
+const EACH_ITSELF: [[f64; 16]; 16] = {
+    let mut weights = [[0.0; 16]; 16];
+    let mut k = 0;
+    while k < 16 {
+        weights[k][k] = 1.0;
+        k += 1;
+    }
+    weights
+};
 
 impl SurfaceModel {
     /// Share of the area that is known so.
@@ -225,6 +247,11 @@ impl SurfaceModel {
     pub(crate) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         let vertices = self.surface.vertices().iter().map(|p| add(*p, by)).collect();
         self.surface = self.surface.with_vertices(vertices)?;
+        if let Some(filter) = &self.patches {
+            let mut state = filter.state();
+            state.translate(by);
+            self.patches = Some(Arc::new(PatchFilter::from_state(&state)?));
+        }
         for information in [&mut self.prior, &mut self.data] {
             let repeated: Vec<f64> = (0..information.vector().len()).map(|k| by[k % 3]).collect();
             information.translate(&repeated)?;
@@ -243,6 +270,9 @@ impl SurfaceModel {
 
     /// What [`SurfaceModel::posterior`] is made of, by the equations of the surface's own hierarchy.
     pub(crate) fn covariance(&self, system: &SurfaceSystem) -> Result<NodeCovariance> {
+        if let Some(filter) = &self.patches {
+            return Ok(NodeCovariance::Patches(Arc::clone(filter)));
+        }
         if let Some(measured) = self.measured_coordinates {
             // One coordinate's information is that of all that were measured.
             let mut axis = [0.0; 3];
@@ -265,14 +295,14 @@ impl SurfaceModel {
             None => None,
             Some(SharedInformation { coupling, corner }) => Some(Bordered::new(&factor, coupling, corner)?),
         };
-        Ok(NodeCovariance {
+        Ok(NodeCovariance::Nodes(WholeCovariance {
             inverse: SelectedInverse::new(&factor),
             motion: Motion::Along(directions),
             shared: shared.map(|bordered| SharedRows {
                 rows: bordered.shared_rows(),
                 bordered,
             }),
-        })
+        }))
     }
 }
 
@@ -292,45 +322,67 @@ impl SharedRows {
 impl NodeCovariance {
     /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate, nothing for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
-        Self {
+        let motion = Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
+        Self::of_motion(inverse, motion)
+    }
+
+    /// From the inverse of the information of vertices that move so.
+    pub(crate) fn of_motion(inverse: SelectedInverse, motion: Motion) -> Self {
+        Self::Nodes(WholeCovariance {
             inverse,
-            motion: Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 })),
+            motion,
             shared: None,
-        }
+        })
     }
 
     /// The equations of what scans share, the vertices left open.
     pub(crate) fn shared(&self) -> Option<&Bordered> {
-        self.shared.as_ref().map(|shared| &shared.bordered)
+        match self {
+            Self::Nodes(whole) => whole.shared.as_ref().map(|shared| &shared.bordered),
+            Self::Patches(_) => None,
+        }
     }
 
     /// Takes away information about what scans share, but never below what `least` says; and by how much their own information has changed.
-    pub(crate) fn with_less_shared(mut self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
-        let Some(shared) = self.shared.take() else {
-            return Ok((self, Vec::new()));
-        };
-        let (bordered, change) = shared.bordered.with_less_information(less, least)?;
-        self.shared = Some(SharedRows {
-            rows: bordered.shared_rows(),
-            bordered,
-        });
-        Ok((self, change))
+    pub(crate) fn with_less_shared(self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+        match self {
+            Self::Nodes(WholeCovariance {
+                inverse,
+                motion,
+                shared: Some(shared),
+            }) => {
+                let (bordered, change) = shared.bordered.with_less_information(less, least)?;
+                let shared = Some(SharedRows {
+                    rows: bordered.shared_rows(),
+                    bordered,
+                });
+                let whole = WholeCovariance {
+                    inverse,
+                    motion,
+                    shared,
+                };
+                Ok((Self::Nodes(whole), change))
+            }
+            other => Ok((other, Vec::new())),
+        }
     }
 
     /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];
-        match &self.motion {
-            Motion::Along(directions) => self.inverse.trace_with(&system.contract(information, directions)?),
+        let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
+            return Err(Error::unsupported(
+                "patches know nothing of vertices far from each other",
+            ));
+        };
+        match motion {
+            Motion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
             Motion::Coordinates(scales) => (0..3)
                 .filter(|&d| scales[d] > 0.0)
                 .map(|d| {
                     let mut axis = [0.0; 3];
                     axis[d] = 1.0;
-                    Ok(scales[d]
-                        * self
-                            .inverse
-                            .trace_with(&system.contract(information, &directions(axis))?)?)
+                    Ok(scales[d] * inverse.trace_with(&system.contract(information, &directions(axis))?)?)
                 })
                 .sum(),
         }
@@ -360,15 +412,26 @@ impl<'a> Posterior<'a> {
     /// # Errors
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
-        let (nodes, weights) = self.surface.space().extraction(leaf);
-        let NodeCovariance {
+        let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
+        let WholeCovariance {
             inverse,
             motion,
             shared,
-        } = &*self.covariance;
-        let mut covariance = inverse
-            .dense(nodes)
-            .ok_or_else(|| Error::undetermined(format!("leaf {leaf} has no covariance")))?;
+        } = match &*self.covariance {
+            NodeCovariance::Nodes(whole) => whole,
+            NodeCovariance::Patches(filter) => {
+                return Ok(LeafCovariance {
+                    weights: &EACH_ITSELF,
+                    motion: Motion::Coordinates(match filter.options().layout {
+                        StateLayout::Height => [0.0, 0.0, 1.0],
+                        _ => [1.0; 3],
+                    }),
+                    covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
+                });
+            }
+        };
+        let (nodes, weights) = self.surface.space().extraction(leaf);
+        let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
         if let Some(shared) = shared.as_ref().filter(|_| !self.given_shared) {
             shared.add_to(&mut covariance, nodes);
         }

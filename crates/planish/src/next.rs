@@ -149,6 +149,11 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
             return Err(Error::input(format!("needed a {name} > 0, found {value}")));
         }
     }
+    if model.patches.is_some() {
+        return Err(Error::unsupported(
+            "the model is one of the patch filter, which does not know how far apart places vary together: needed one of `fit --filter global`",
+        ));
+    }
     progress.check("equations", 0.05)?;
     let system = SurfaceSystem::new(model.surface.space())?;
     let directions = match model.measured_coordinates {

@@ -16,10 +16,23 @@
 //! | `information_prior_…` | as above | the prior's |
 //! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
 //!
+//! Where a patch filter fused the readings, its state stands in the place of both informations (P patches with 7 × 7 vertices each):
+//!
+//! | tensor | shape, type | what |
+//! |---|---|---|
+//! | `patch_cells` | P × 3, u32 | the leaf patches: depth, column, row |
+//! | `patch_means` | P × 49 × c, f64 | vertices as each patch knows them; c = 3 coordinates, or 1 height |
+//! | `patch_covariances` | P × 49 × 49, f64 | the covariance of each coordinate |
+//! | `patch_priors` | P × 49 × 49, f64 | what it was before any reading |
+//! | `patch_innovations` | P × 16 × 3, f64 | by cell: numbers read, `Σ e²/S` of them, and numbers beyond the gate |
+//! | `patch_initial`, `patch_metric` | B × 3, f64 | vertices over the base grid: the first surface, and that in whose metric smoothness is meant |
+//!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`, `poses` (names and σ) and
-//! `provenance`: one entry for each session that went in; where parameters were known also `measured_coordinates`.
+//! `provenance`: one entry for each session that went in; where parameters were known also `measured_coordinates`, where patches fused them `patch_filter`.
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
+
+mod patches;
 
 use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
@@ -79,6 +92,8 @@ struct Metadata {
     provenance: Vec<Session>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     measured_coordinates: Option<[bool; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    patch_filter: Option<patches::Notes>,
 }
 
 /// What scans share: the coupling of vertices, along the surface's normals, with the unknowns, and the information about these.
@@ -188,6 +203,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             .collect(),
         provenance: provenance.to_vec(),
         measured_coordinates: model.measured_coordinates,
+        patch_filter: model.patches.as_deref().map(patches::Notes::of),
     };
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
@@ -231,8 +247,12 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             tensor(&[width, width], TensorData::F64(shared.corner.clone())),
         );
     }
-    add_information(&mut tensors, "information_data", &model.data, space.node_count())?;
-    add_information(&mut tensors, "information_prior", &model.prior, space.node_count())?;
+    if let Some(filter) = &model.patches {
+        patches::add(&mut tensors, filter)?;
+    } else {
+        add_information(&mut tensors, "information_data", &model.data, space.node_count())?;
+        add_information(&mut tensors, "information_prior", &model.prior, space.node_count())?;
+    }
     for (name, tensor) in &tensors {
         if tensor
             .as_f64()
@@ -455,10 +475,26 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
             bias: notes.bias,
             sigma_bias: notes.sigma_bias,
         });
+    let (data, prior, patches) = match metadata.patch_filter {
+        None => (
+            tensors.information("information_data", &pattern)?,
+            tensors.information("information_prior", &pattern)?,
+            None,
+        ),
+        Some(notes) => {
+            let filter = notes.filter(shape, metadata.base, &mut tensors)?;
+            if filter.space().leaves() != space.leaves() {
+                return Err(Error::input("the patches are not made of the cells"));
+            }
+            let nothing = BlockInformation::zeros(pattern, 3, 1)?;
+            (nothing.clone(), nothing, Some(Arc::new(filter)))
+        }
+    };
     let model = SurfaceModel {
         unit,
-        data: tensors.information("information_data", &pattern)?,
-        prior: tensors.information("information_prior", &pattern)?,
+        data,
+        prior,
+        patches,
         surface,
         observed,
         sensors: metadata.sensors,

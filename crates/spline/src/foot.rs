@@ -6,7 +6,7 @@
 //! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search starts it at the
 //! sample whose position and normal agree best, which tells the two sides of a thin part apart.
 
-use crate::hierarchy::Shape;
+use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Jet, Surface};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_estimate::vector3::{add, dot, norm, scale, sub, tangents};
@@ -60,87 +60,103 @@ impl Surface {
     ///
     /// Cost: a few jets; typically 2 or 3 from a neighbouring sample and 1 when the surface has hardly moved.
     #[must_use]
-    pub fn project(&self, z: [f64; 3], [u, v]: [f64; 2], options: &ProjectionOptions) -> FootPoint {
-        let space = self.space();
-        let extent = space.extent();
-        let shape = space.shape();
-        let open = [!shape.periodic_u(), !shape.periodic_v() && !shape.polar()];
-        let mut at = space.wrap(u, v);
-        let (mut leaf, mut local) = space.locate(at[0], at[1]);
-        let mut jet = self.leaf_jet(leaf, local[0], local[1]);
-        let mut distance2 = squared(sub(jet.point, z));
-        let mut converged = false;
-        let mut held = [false; 2];
-        for _ in 0..options.max_steps {
-            let side = space.leaves()[leaf].side();
-            let r = sub(jet.point, z);
-            let gradient = [dot(jet.du, r), dot(jet.dv, r)];
-            for d in 0..2 {
-                held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
-            }
-            let step = newton_step(&jet, r, gradient, held);
-            // No further than two cells at once: the model of the distance is local.
-            let longest = step[0].abs().max(step[1].abs());
-            if longest == 0.0 {
-                converged = true;
-                break;
-            }
-            // The last step is so short that the jet itself tells where it leads.
-            let inside = [0, 1].map(|d| local[d] + step[d] / side);
-            if (longest / side).powi(2) < options.relative_tolerance && inside.iter().all(|c| (0.0..1.0).contains(c)) {
-                (local, jet) = (inside, jet.shifted(step));
-                converged = true;
-                break;
-            }
-            let mut share = (2.0 * side / longest).min(1.0);
-            let mut moved = false;
-            for _ in 0..6 {
-                let mut next = [at[0] + share * step[0], at[1] + share * step[1]];
-                let inside = [0, 1].map(|d| local[d] + share * step[d] / side);
-                let (next_leaf, next_local) = if inside.iter().all(|c| (0.0..1.0).contains(c)) {
-                    (leaf, inside)
-                } else {
-                    for d in 0..2 {
-                        if open[d] {
-                            next[d] = next[d].clamp(0.0, extent[d]);
-                        }
-                    }
-                    next = space.wrap(next[0], next[1]);
-                    space.locate(next[0], next[1])
-                };
-                let next_jet = self.leaf_jet(next_leaf, next_local[0], next_local[1]);
-                let next2 = squared(sub(next_jet.point, z));
-                if next2 <= distance2 * (1.0 + 1e-12) {
-                    (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);
-                    moved = true;
-                    break;
-                }
-                share *= 0.35;
-            }
-            // Newton converges quadratically: after a whole step of share s of a leaf about s² is left.
-            let left = if share < 1.0 {
-                longest * share / side
+    pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
+        project_onto(
+            self.space(),
+            |leaf, [s, t]| self.leaf_jet(leaf, s, t),
+            z,
+            start,
+            options,
+        )
+    }
+}
+
+/// [`Surface::project`] for a surface that is known by its jets alone: `jet_at(leaf, local)`.
+pub(crate) fn project_onto(
+    space: &Hierarchy,
+    jet_at: impl Fn(usize, [f64; 2]) -> Jet,
+    z: [f64; 3],
+    [u, v]: [f64; 2],
+    options: &ProjectionOptions,
+) -> FootPoint {
+    let extent = space.extent();
+    let shape = space.shape();
+    let open = [!shape.periodic_u(), !shape.periodic_v() && !shape.polar()];
+    let mut at = space.wrap(u, v);
+    let (mut leaf, mut local) = space.locate(at[0], at[1]);
+    let mut jet = jet_at(leaf, local);
+    let mut distance2 = squared(sub(jet.point, z));
+    let mut converged = false;
+    let mut held = [false; 2];
+    for _ in 0..options.max_steps {
+        let side = space.leaves()[leaf].side();
+        let r = sub(jet.point, z);
+        let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+        for d in 0..2 {
+            held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
+        }
+        let step = newton_step(&jet, r, gradient, held);
+        // No further than two cells at once: the model of the distance is local.
+        let longest = step[0].abs().max(step[1].abs());
+        if longest == 0.0 {
+            converged = true;
+            break;
+        }
+        // The last step is so short that the jet itself tells where it leads.
+        let inside = [0, 1].map(|d| local[d] + step[d] / side);
+        if (longest / side).powi(2) < options.relative_tolerance && inside.iter().all(|c| (0.0..1.0).contains(c)) {
+            (local, jet) = (inside, jet.shifted(step));
+            converged = true;
+            break;
+        }
+        let mut share = (2.0 * side / longest).min(1.0);
+        let mut moved = false;
+        for _ in 0..6 {
+            let mut next = [at[0] + share * step[0], at[1] + share * step[1]];
+            let inside = [0, 1].map(|d| local[d] + share * step[d] / side);
+            let (next_leaf, next_local) = if inside.iter().all(|c| (0.0..1.0).contains(c)) {
+                (leaf, inside)
             } else {
-                (longest / side).powi(2)
+                for d in 0..2 {
+                    if open[d] {
+                        next[d] = next[d].clamp(0.0, extent[d]);
+                    }
+                }
+                next = space.wrap(next[0], next[1]);
+                space.locate(next[0], next[1])
             };
-            if !moved || left < options.relative_tolerance {
-                converged = true;
+            let next_jet = jet_at(next_leaf, next_local);
+            let next2 = squared(sub(next_jet.point, z));
+            if next2 <= distance2 * (1.0 + 1e-12) {
+                (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);
+                moved = true;
                 break;
             }
+            share *= 0.35;
         }
-        let normal = jet.normal().unwrap_or([0.0; 3]);
-        let offset = sub(z, jet.point);
-        let height = dot(offset, normal);
-        FootPoint {
-            leaf: leaf as u32,
-            local,
-            jet,
-            normal,
-            height,
-            slip: norm(sub(offset, scale(height, normal))),
-            at_border: held[0] || held[1],
-            converged,
+        // Newton converges quadratically: after a whole step of share s of a leaf about s² is left.
+        let left = if share < 1.0 {
+            longest * share / side
+        } else {
+            (longest / side).powi(2)
+        };
+        if !moved || left < options.relative_tolerance {
+            converged = true;
+            break;
         }
+    }
+    let normal = jet.normal().unwrap_or([0.0; 3]);
+    let offset = sub(z, jet.point);
+    let height = dot(offset, normal);
+    FootPoint {
+        leaf: leaf as u32,
+        local,
+        jet,
+        normal,
+        height,
+        slip: norm(sub(offset, scale(height, normal))),
+        at_border: held[0] || held[1],
+        converged,
     }
 }
 

@@ -35,7 +35,7 @@ pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use patch_filter::{
     InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
     PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason,
-    SurfaceReading, VertexSharing, parameter_plane,
+    SurfaceReading, VertexSharing, curvature_variation, parameter_plane, patch_hierarchy,
 };
 pub use planish_estimate::{Error, Result};
 pub use propagation::{

@@ -48,7 +48,8 @@ impl Surface {
 }
 
 impl TangentRows {
-    fn new(jet: &Jet, h: f64, [s, t]: [f64; 2]) -> Option<Self> {
+    /// From the jet at local coordinates of a cell whose side is `1/h`.
+    pub(crate) fn new(jet: &Jet, h: f64, [s, t]: [f64; 2]) -> Option<Self> {
         let normal = jet.normal()?;
         // S_u = l e1, S_v = m e1 + q e2.
         let l = norm(jet.du);
@@ -131,10 +132,12 @@ pub fn curvature_tensor([k1, k2]: [f64; 2], direction: [f64; 3], normal: [f64; 3
     let n = unit(normal)?;
     let along = scale(dot(direction, n), n);
     let d1 = unit([0, 1, 2].map(|d| direction[d] - along[d]))?;
-    let d2 = cross(n, d1);
-    Some(planish_estimate::vector3::upper_triangle(|i, j| {
-        k1 * d1[i] * d1[j] + k2 * d2[i] * d2[j]
-    }))
+    Some(tensor_of([k1, k2], [d1, cross(n, d1)]))
+}
+
+/// `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` as `[xx, xy, xz, yy, yz, zz]`.
+pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [[f64; 3]; 2]) -> [f64; 6] {
+    planish_estimate::vector3::upper_triangle(|i, j| k1 * d1[i] * d1[j] + k2 * d2[i] * d2[j])
 }
 
 #[cfg(test)]

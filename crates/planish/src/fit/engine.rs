@@ -5,7 +5,7 @@ use crate::point_sigmas::order_by_leaf;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_spline::{DirectedSums, FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -104,7 +104,7 @@ const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 /// Feet that one task takes: fixed, so that threads change nothing.
 const CHUNK: usize = 4096;
 /// Points whose scan normal differs from the surface's by more than about 70° lie on another sheet.
-const LEAST_COSINE: f64 = 0.35;
+pub(crate) const LEAST_COSINE: f64 = 0.35;
 
 /// Projects the points `subset` of the observations; `at` holds their parameters, before and after.
 ///
@@ -155,12 +155,7 @@ pub(super) fn project(
                     let factor = factors[observations.channel(i)];
                     made.residuals[0] =
                         foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
-                    if let Some(bias) = foot.jet.tangential_bias(&covariance) {
-                        let lift = -factor * bias;
-                        // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
-                        let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
-                        made.residuals[0] -= lift.clamp(-0.5 * sigma, 0.5 * sigma);
-                    }
+                    made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
                 directional => match made.directional(surface, &directional) {
                     Some(residuals) => made.residuals = residuals,
@@ -174,6 +169,17 @@ pub(super) fn project(
         at[i as usize] = *parameters;
     }
     feet.into_iter().map(|(foot, _)| foot).collect()
+}
+
+/// How far noise along the tangent plane lifts a reading off a curved surface on average, `tr(II R_t)/2`, `factor` times the covariance being
+/// that of the reading.
+pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f64 {
+    let Some(bias) = jet.tangential_bias(covariance) else {
+        return 0.0;
+    };
+    // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
+    let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
+    (-factor * bias).clamp(-0.5 * sigma, 0.5 * sigma)
 }
 
 impl Foot {

@@ -7,8 +7,9 @@ use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_s
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
+use super::patch::Fused;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
-use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut, set_aside};
+use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
@@ -39,13 +40,22 @@ pub(super) fn finish(
         mut at,
         reached_limit,
         reached_tolerance,
+        refined,
+        fused,
     } = settled;
     progress.check("information", 0.9)?;
-    let information = weights(observations, &subset, &feet, &noise, options.gate, false);
-    let mut data = accumulate(&system, &surface, &feet, &information)?;
+    let information = match &fused {
+        Some(fused) => fused.information(observations, &subset, &feet, &noise),
+        None => weights(observations, &subset, &feet, &noise, options.gate, false),
+    };
+    // What patches know is no information of the whole.
+    let mut data = match &fused {
+        Some(_) => system.nothing()?,
+        None => accumulate(&system, &surface, &feet, &information)?,
+    };
     // Degrees of freedom are shared out by what the readings at hand determine of the whole.
     let own = absorbed.as_ref().map(|_| data.clone());
-    if let Some(model) = earlier {
+    if let Some(model) = earlier.filter(|_| fused.is_none()) {
         data.add_scaled(&model.data, 1.0)?;
     }
     if let Some(absorbed) = &absorbed {
@@ -62,6 +72,7 @@ pub(super) fn finish(
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
         measured_coordinates: None,
+        patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
         shared: None,
     };
     let mut stated = Vec::new();
@@ -100,7 +111,7 @@ pub(super) fn finish(
     // What readings see of the surface they see from where their scans stand.
     let seen = posterior.given_shared();
     let surface = &model.surface;
-    let degrees = if observations.stated.len() == 1 && earlier.is_none() {
+    let degrees = if observations.stated.len() == 1 && earlier.is_none() && fused.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
         let channels = FootChannels::new(observations, &subset);
@@ -120,7 +131,13 @@ pub(super) fn finish(
     }
     let concluded = leaves_with_feet(surface, &feet, &information, |k| !taken(k));
     let invented = with_neighbours(surface.space(), &concluded);
-    let before = |leaf: usize| earlier.map_or(Observed::PriorOnly, |model| model.observed[leaf]);
+    // Patches may have been divided since.
+    let before = |leaf: usize| {
+        earlier.map_or(Observed::PriorOnly, |model| {
+            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
+            model.observed[model.surface.space().locate(u, v).0]
+        })
+    };
     let observed: Vec<Observed> = (0..measured.len())
         .map(|leaf| match before(leaf) {
             // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured, even if its neighbour was.
@@ -213,6 +230,7 @@ pub(super) fn finish(
             options.max_coefficients
         ));
     }
+    warnings.extend(fused.as_ref().and_then(Fused::warning));
     let mut poses = pose_reports(set);
     if let Some(bordered) = covariance.shared() {
         for estimate in observations.shared.estimates(bordered, &stated)? {
@@ -235,6 +253,8 @@ pub(super) fn finish(
         coefficients: surface.space().node_count(),
         levels: surface.space().levels(),
         cells: surface.space().leaves().len(),
+        filter: if fused.is_some() { Filter::Patch } else { Filter::Global },
+        refined: refined.levels(),
         rms: (square / placed.max(1) as f64).sqrt(),
         rms_normalised: (chi2 / rows).sqrt(),
         reduced_chi_square: chi2 / (rows * kept - determined).max(1.0),
@@ -319,6 +339,8 @@ pub(super) fn place(
         at,
         reached_limit: false,
         reached_tolerance: false,
+        refined: RefinementLog::default(),
+        fused: None,
         system,
     })
 }

@@ -265,6 +265,7 @@ impl Solved {
             smoothness_weight: smoothing.found.weight / scale,
             observations: count,
             measured_coordinates: Some(measured),
+            patches: None,
             shared: None,
             surface,
         };
@@ -317,6 +318,8 @@ impl Solved {
             shape: model.surface.space().shape().name().to_owned(),
             coefficients: model.surface.space().node_count(),
             levels: 1,
+            filter: super::Filter::Global,
+            refined: Vec::new(),
             cells: model.surface.space().leaves().len(),
             rms: (square / n).sqrt(),
             rms_normalised: (weighted / (scale * n)).sqrt(),

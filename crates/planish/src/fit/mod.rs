@@ -1,6 +1,7 @@
 //! Fusing scans into a surface.
 
-mod engine;
+mod bent;
+pub(crate) mod engine;
 mod finish;
 mod gaps;
 mod growth;
@@ -10,18 +11,24 @@ mod known;
 mod large;
 mod noise;
 mod observations;
+mod patch;
+mod refined;
 mod shared;
 mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
 pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
+pub(crate) use patch::{FirstFit, first_fit_of};
+pub(crate) use refined::RefinementLog;
+pub use refined::{LevelRefinement, RefineBy};
+pub(crate) use stages::{extent_of, with_neighbours};
 
 use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use crate::propagate::{self, PropagationReport, RigidTracker, SymmetryChoice};
 use large::Parts;
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
@@ -43,6 +50,12 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
+    /// How readings are fused: globally where none is given, and into a saved model as it was made.
+    pub filter: Option<Filter>,
+    /// No more levels of subdivision beyond the base grid than this; where none is given as many as the readings fill, of the patch filter three.
+    pub max_depth: Option<u8>,
+    /// What asks for subdivision.
+    pub refine_by: RefineBy,
     /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in any case.
     pub align: bool,
     /// No more control vertices than this.
@@ -63,6 +76,17 @@ pub struct FitOptions {
     pub checks: ScanChecks,
 }
 
+/// How readings are fused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// All at once: one sparse information matrix over all control vertices.
+    #[default]
+    Global,
+    /// One after the other: a quadtree of patches with a dense covariance each; memory does not grow with the readings, and σ is known at any time.
+    Patch,
+}
+
 /// How wide things are that stand on the ground and are no part of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GroundWidth {
@@ -79,6 +103,9 @@ impl Default for FitOptions {
             known_parameters: None,
             tolerance: None,
             ground: None,
+            filter: None,
+            max_depth: None,
+            refine_by: RefineBy::Residuals,
             align: false,
             max_coefficients: 12_000,
             symmetry: None,
@@ -128,6 +155,10 @@ pub struct FitReport {
     pub levels: usize,
     /// Leaf cells.
     pub cells: usize,
+    /// How readings were fused.
+    pub filter: Filter,
+    /// What was divided, level by level, and why.
+    pub refined: Vec<LevelRefinement>,
     /// Root mean square of the residuals along the normals, in the model's unit.
     pub rms: f64,
     /// The same over each residual's σ.
@@ -204,7 +235,15 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         return fit_moving(set, options, progress);
     }
     if let Some(cells) = options.known_parameters {
+        if options.filter == Some(Filter::Patch) {
+            return Err(Error::unsupported(
+                "readings with known parameters are fused by the global filter, in one step: needed no other filter",
+            ));
+        }
         return known::fit_known(set, cells, options, progress);
+    }
+    if options.filter == Some(Filter::Patch) {
+        return patch::fit_patches(set, options, progress);
     }
     let ground = options.ground.map(|width| ground_options(set.unit, width));
     let sheet = FitOptions {
@@ -376,10 +415,26 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
     if let Some(unit) = set.unit
         && unit != model.unit
     {
-        return Err(planish_estimate::Error::input(format!(
+        return Err(Error::input(format!(
             "the scans' unit is {}, the model's is {}: convert one of them",
             unit.name(),
             model.unit.name()
+        )));
+    }
+    let own = if model.patches.is_some() {
+        Filter::Patch
+    } else {
+        Filter::Global
+    };
+    if let Some(asked) = options.filter.filter(|asked| *asked != own) {
+        let name = |filter| match filter {
+            Filter::Global => "global",
+            Filter::Patch => "patch",
+        };
+        return Err(Error::input(format!(
+            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found {}",
+            name(own),
+            name(asked)
         )));
     }
     let mut observations = observe(set, &observation_options(set, options))?;
@@ -399,7 +454,14 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
     observations.shared = SharedErrors::new(set, &observations, origin, options.align, Some(model));
-    let settled = finish::place(model, &mut observations, options, progress)?;
+    let settled = match &model.patches {
+        None => finish::place(model, &mut observations, options, progress)?,
+        Some(filter) => {
+            patch::refuse_align(options)?;
+            observations.shared = SharedErrors::default();
+            patch::update_patches(model, filter, &observations, options, progress)?
+        }
+    };
     finish::finish(
         set,
         &observations,

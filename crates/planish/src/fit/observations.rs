@@ -547,6 +547,10 @@ impl Observations {
 
     /// Changes the shared unknowns by a step and moves the scans with them.
     pub(super) fn take_shared(&mut self, step: &[f64]) {
+        // Without any, the scans are not even counted.
+        if self.shared.is_empty() {
+            return;
+        }
         let motions = self.shared.take(step);
         self.move_scans(&motions);
     }

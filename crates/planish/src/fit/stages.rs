@@ -4,19 +4,24 @@
 //! information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
+use super::bent::unevenly_bent;
 use super::engine::{Foot, FootChannels, FootState, by_leaf, normal_step, project};
 use super::growth::{MOST_LEVELS, grow};
 use super::indicator::Indicator;
 use super::invented::share_errors;
 use super::noise::SensorNoise;
 use super::observations::{Observations, Quantity};
+use super::patch::Fused;
+use super::refined::{Cause, RefinementLog};
 use crate::progress::Progress;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use planish_spline::{
-    BaseShape, FootPointSearch, Hierarchy, LeafEnergy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights,
+    BaseShape, Cell, FootPointSearch, Hierarchy, LeafEnergy, Shape, Surface, SurfaceSystem, choose_base_shape,
+    leaf_weights,
 };
 use rayon::prelude::*;
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Cells of the base grid, about.
@@ -42,7 +47,7 @@ const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
-const LEAST_READINGS: u32 = 8;
+pub(super) const LEAST_READINGS: u32 = 8;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
 const WORTHWHILE: f64 = 0.02;
 /// A ball grows to no finer leaves than its readings can fill with so many each.
@@ -54,7 +59,7 @@ const SIGNIFICANT: f64 = 2.5;
 const POOLED_SIGNIFICANT: f64 = 2.0;
 /// A leaf that is smaller than so many σ is not split: readings would find a foot nearby however the surface wrinkles, and
 /// σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have 3.6 %.)
-const LEAST_LEAF_SIGMAS: f64 = 6.0;
+pub(super) const LEAST_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
 const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
@@ -86,6 +91,10 @@ pub(super) struct Settled {
     pub at: Vec<[f64; 2]>,
     pub reached_limit: bool,
     pub reached_tolerance: bool,
+    /// What was divided on the way.
+    pub refined: RefinementLog,
+    /// What a patch filter made of the readings; it then holds what is known.
+    pub fused: Option<Fused>,
 }
 
 /// Finds the first shape and settles it.
@@ -94,6 +103,20 @@ pub(super) fn settle(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
+    let surface = first_surface(observations, options, 1, progress)?;
+    let subset: Vec<u32> = (0..observations.len() as u32)
+        .filter(|&i| !observations.held_out[i as usize])
+        .collect();
+    refine_to_noise(observations, surface, subset, options, progress)
+}
+
+/// The first shape, over a base grid whose sides are multiples of `multiple`; a ball's is refined as far as it has grown.
+pub(super) fn first_surface(
+    observations: &Observations,
+    options: &FitOptions,
+    multiple: usize,
+    progress: &dyn Progress,
+) -> Result<Surface> {
     let size = observations.len();
     let some: Vec<u32> = (0..size as u32)
         .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
@@ -102,14 +125,22 @@ pub(super) fn settle(
     let normals: Vec<[f64; 3]> = some.iter().map(|&i| observations.normal(i as usize)).collect();
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // A small cloud cannot pay for many cells, whatever their prior.
-    let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), options.max_coefficients)?;
+    let grid = base_grid(
+        &base,
+        BASE_CELLS.min((size / 6).max(32)),
+        multiple,
+        options.max_coefficients,
+    )?;
     progress.check("first shape", 0.02)?;
-    let surface = if base.shape == Shape::Ball {
+    if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
         let least_area = (LEAST_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
-        let levels = (1..=MOST_LEVELS)
+        let deepest = options
+            .max_depth
+            .map_or(MOST_LEVELS, |depth| MOST_LEVELS.min(depth.into()));
+        let levels = (1..=deepest)
             .take_while(|&level| {
                 cells(level) * READINGS_PER_GROWN_LEAF <= size
                     && area >= least_area * cells(level) as f64
@@ -118,21 +149,17 @@ pub(super) fn settle(
             .count();
         grow(&base, grid, levels, &points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
-        })?
+        })
     } else {
-        drape(&base, grid, &points)?
-    };
-    let subset: Vec<u32> = (0..size as u32)
-        .filter(|&i| !observations.held_out[i as usize])
-        .collect();
-    refine_to_noise(observations, surface, subset, options, progress)
+        drape(&base, grid, &points)
+    }
 }
 
-/// A base grid of about so many cells, fewer where its nodes would be more than allowed.
-fn base_grid(base: &BaseShape, cells: usize, most: usize) -> Result<[usize; 2]> {
+/// A base grid of about so many cells, fewer where its nodes would be more than allowed; its sides are multiples of `multiple`.
+fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Result<[usize; 2]> {
     let mut cells = cells;
     loop {
-        let grid = base.grid(cells);
+        let grid = (base.grid(cells)).map(|n| (n + multiple / 2).max(multiple) / multiple * multiple);
         let nodes = Hierarchy::uniform(base.shape, grid)?.node_count();
         if nodes <= most {
             return Ok(grid);
@@ -224,6 +251,7 @@ pub(super) fn refine_to_noise(
     let mut final_round = false;
     let mut outside: Vec<u32> = Vec::new();
     let (mut reached_limit, mut reached_tolerance) = (false, false);
+    let mut refined = grown(surface.space(), 1);
     for round in 0.. {
         let system = SurfaceSystem::new(surface.space())?;
         // Early rounds see a sample: every leaf needs a few dozen readings only.
@@ -328,6 +356,8 @@ pub(super) fn refine_to_noise(
                 at,
                 reached_limit,
                 reached_tolerance,
+                refined,
+                fused: None,
             });
         }
         // What the leaves cannot follow.
@@ -340,15 +370,25 @@ pub(super) fn refine_to_noise(
             .filter(|(_, w)| **w == 0.0)
             .map(|(i, _)| *i)
             .collect();
-        let verdict = misfit(
-            &surface,
-            &feet,
-            &noise,
-            degrees.iter().flatten().sum(),
-            observations,
-            &sample,
-            options,
-        );
+        let mut verdict = if options.refine_by.residuals() {
+            misfit(
+                &surface,
+                &feet,
+                &noise,
+                degrees.iter().flatten().sum(),
+                observations,
+                &sample,
+                options,
+            )
+        } else {
+            Vec::new()
+        };
+        if let (true, Some(factor)) = (options.refine_by.curvature(), &factor) {
+            let known: HashSet<usize> = verdict.iter().map(|m| m.leaf).collect();
+            let read = (&*observations, &sample[..], &feet[..]);
+            let bent = unevenly_bent(&surface, &system, factor, read, &noise, deepest(options))?;
+            verdict.extend(bent.into_iter().filter(|m| !known.contains(&m.leaf)));
+        }
         let space = surface.space();
         if options.tolerance.is_some() && verdict.is_empty() {
             reached_tolerance = true;
@@ -357,7 +397,9 @@ pub(super) fn refine_to_noise(
             final_round = true;
             continue;
         }
-        let (finer, all) = within_budget(space, &verdict, options.max_coefficients);
+        let (finer, split) = within_budget(space, &verdict, options.max_coefficients);
+        let all = split == verdict.len();
+        log_divisions(&mut refined, space, &finer, &verdict[..split]);
         reached_limit = !all;
         final_round = !all || finer.node_count() == space.node_count();
         surface = surface.refined(finer.into())?;
@@ -414,7 +456,7 @@ impl BendingEnergy {
 }
 
 /// A length of the order of the whole surface.
-pub(super) fn extent_of(surface: &Surface) -> f64 {
+pub(crate) fn extent_of(surface: &Surface) -> f64 {
     let (lo, hi) = surface
         .vertices()
         .iter()
@@ -502,13 +544,19 @@ pub(super) fn weights(
         .collect()
 }
 
-/// A leaf whose residuals hold shape.
-struct Misfit {
-    leaf: usize,
-    /// Shared shape of its own bins, in standard deviations of what noise makes.
-    severity: f64,
+/// A leaf that is to be split.
+pub(super) struct Misfit {
+    pub leaf: usize,
+    pub cause: Cause,
+    /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature varies.
+    pub severity: f64,
     /// Signs of the corner where it is worst.
-    corner: [f64; 2],
+    pub corner: [f64; 2],
+}
+
+/// The deepest level that is allowed.
+fn deepest(options: &FitOptions) -> u8 {
+    options.max_depth.map_or(DEEPEST, |depth| DEEPEST.min(depth))
 }
 
 /// So few misfits are chance.
@@ -516,12 +564,12 @@ fn few(space: &Hierarchy) -> usize {
     space.leaves().len().div_ceil(50)
 }
 
-/// Splits as many of the misfits, worst first, as the limit of coefficients allows, and says whether those were all.
-fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarchy, bool) {
+/// Splits as many of the misfits, worst first, as the limit of coefficients allows, and says how many.
+fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarchy, usize) {
     let marked = |count: usize| blocks(space, &misfits[..count]);
     let nodes = |count: usize| space.refined_node_count(&marked(count));
     if nodes(misfits.len()) <= most {
-        return (space.refine(&marked(misfits.len())), true);
+        return (space.refine(&marked(misfits.len())), misfits.len());
     }
     let (mut fits, mut too_many) = (0, misfits.len());
     while too_many - fits > few(space).div_ceil(8) {
@@ -532,12 +580,47 @@ fn within_budget(space: &Hierarchy, misfits: &[Misfit], most: usize) -> (Hierarc
             too_many = middle;
         }
     }
-    (space.refine(&marked(fits)), false)
+    (space.refine(&marked(fits)), fits)
+}
+
+/// What growth has divided, in squares of so many cells: every level whole.
+pub(super) fn grown(space: &Hierarchy, cells: usize) -> RefinementLog {
+    let mut log = RefinementLog::default();
+    let base = space.base().iter().product::<usize>() / cells;
+    for level in 1..space.levels() {
+        log.add(level - 1, Cause::Growth, base << (2 * (level - 1)));
+    }
+    log
+}
+
+/// Which leaves were divided, and for what.
+fn log_divisions(log: &mut RefinementLog, space: &Hierarchy, finer: &Hierarchy, misfits: &[Misfit]) {
+    let of = |cause: Cause| -> HashSet<usize> {
+        let own = misfits.iter().filter(|m| m.cause == cause);
+        blocks(space, own).into_iter().collect()
+    };
+    let (residuals, curvature) = (of(Cause::Residuals), of(Cause::Curvature));
+    let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
+    for (leaf, cell) in space
+        .leaves()
+        .iter()
+        .enumerate()
+        .filter(|(_, cell)| !kept.contains(cell))
+    {
+        let cause = if residuals.contains(&leaf) {
+            Cause::Residuals
+        } else if curvature.contains(&leaf) {
+            Cause::Curvature
+        } else {
+            Cause::Grading
+        };
+        log.add(usize::from(cell.level), cause, 1);
+    }
 }
 
 /// One bicubic function of the next level lives on a 2 × 2 block: the block at the worst corner of each leaf.
-fn blocks(space: &Hierarchy, misfits: &[Misfit]) -> Vec<usize> {
-    let mut marked = Vec::with_capacity(4 * misfits.len());
+fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'a Misfit>) -> Vec<usize> {
+    let mut marked = Vec::new();
     for &Misfit {
         leaf, corner: [su, sv], ..
     } in misfits
@@ -728,16 +811,18 @@ fn misfit(
             (shape + taken.min(0.8 * pairs), pairs)
         })
         .collect();
+    let deepest = deepest(options);
     let (mut strong, mut weak) = (Vec::new(), Vec::new());
     for (leaf, own) in residuals.iter().enumerate() {
         let too_small = areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * own.variance;
-        if too_small || space.leaves()[leaf].level >= DEEPEST || own.count < LEAST_READINGS {
+        if too_small || space.leaves()[leaf].level >= deepest || own.count < LEAST_READINGS {
             continue;
         }
         let (shape, pairs) = own.shared_shape(Some);
         let spread = (2.0 * pairs).sqrt();
         let found = || Misfit {
             leaf,
+            cause: Cause::Residuals,
             severity: shape / spread.max(1.0),
             corner: own.worst_corner(),
         };
@@ -808,7 +893,7 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
 }
 
 /// The marked leaves and the neighbours of each.
-pub(super) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
+pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
     let mut observed = own.to_vec();
     for leaf in 0..own.len() {
         if own[leaf] {

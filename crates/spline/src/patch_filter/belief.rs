@@ -113,6 +113,13 @@ impl PatchBelief {
         DMatrix::from_row_slice(self.dimension, self.dimension, &self.covariance)
     }
 
+    /// Moves the `k`-th number of the mean by `by(k)`.
+    pub(super) fn translate(&mut self, by: impl Fn(usize) -> f64) {
+        for (k, m) in self.mean.iter_mut().enumerate() {
+            *m += by(k);
+        }
+    }
+
     fn symmetrize(&mut self) {
         let n = self.dimension;
         for i in 0..n {
@@ -122,6 +129,18 @@ impl PatchBelief {
                 self.covariance[j * n + i] = middle;
             }
         }
+    }
+
+    /// `hᵀ x` of a sparse row, for each column of the mean.
+    pub(super) fn mean_of(&self, row: &[(u16, f64)]) -> [f64; 3] {
+        let mut mean = [0.0; 3];
+        for (column, m) in mean.iter_mut().enumerate().take(self.columns) {
+            *m = row
+                .iter()
+                .map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column])
+                .sum();
+        }
+        mean
     }
 
     /// `hᵀ Σ h` of a sparse row.
@@ -163,13 +182,10 @@ impl PatchBelief {
                 "a reading without noise says what is known already without doubt",
             ));
         }
+        let predicted = self.mean_of(row);
         let mut residual = [0.0; 3];
-        for (column, r) in residual.iter_mut().enumerate().take(self.columns) {
-            let predicted: f64 = row
-                .iter()
-                .map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column])
-                .sum();
-            *r = value[column] - predicted;
+        for (r, (z, p)) in residual.iter_mut().zip(value.iter().zip(&predicted)).take(self.columns) {
+            *r = z - p;
         }
         workspace.gain.clear();
         workspace.gain.extend(spread.iter().map(|s| s / total));

@@ -27,6 +27,8 @@ pub struct SubdivisionCriteria {
     pub chi_square: Option<f64>,
     /// Scalar readings that a block, and a patch, needs before it is judged.
     pub least_readings: u64,
+    /// No more patches than this, but for what grading asks for.
+    pub most_patches: usize,
 }
 
 impl Default for SubdivisionCriteria {
@@ -37,6 +39,7 @@ impl Default for SubdivisionCriteria {
             discount_noise: true,
             chi_square: Some(3.0),
             least_readings: 24,
+            most_patches: usize::MAX,
         }
     }
 }
@@ -54,6 +57,18 @@ pub enum SubdivisionReason {
     Requested,
 }
 
+impl SubdivisionReason {
+    /// Which of two reasons is the stronger: readings speak before curvature.
+    pub(super) fn strength(self) -> (u8, f64) {
+        match self {
+            Self::Requested => (3, 0.0),
+            Self::ChiSquare(x) => (2, x),
+            Self::CurvatureVariation(x) => (1, x),
+            Self::Grading => (0, 0.0),
+        }
+    }
+}
+
 /// Squared normalised innovations of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InnovationSum {
@@ -61,6 +76,30 @@ pub struct InnovationSum {
     pub count: u64,
     /// `Σ e²/S`
     pub normalized_squared: f64,
+    /// Scalar readings beyond the gate, which the other two leave out.
+    pub far: u64,
+}
+
+/// Readings beyond the gate are gross errors where they are fewer than this share, and shape that the patch does not have where they are more.
+const MOST_GROSS: f64 = 0.25;
+/// Fewer far readings are no shape.
+const LEAST_FAR: u64 = 6;
+/// What a far reading adds to a sum of squares.
+const FAR_SQUARED: f64 = 16.0;
+
+impl InnovationSum {
+    /// Whether so many of the readings are far that they are shape.
+    pub(super) fn far_is_shape(&self) -> bool {
+        self.far >= LEAST_FAR && self.far as f64 > MOST_GROSS * (self.count + self.far) as f64
+    }
+
+    fn with(self, other: &Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            normalized_squared: self.normalized_squared + other.normalized_squared,
+            far: self.far + other.far,
+        }
+    }
 }
 
 impl SubdivisionCriteria {
@@ -70,7 +109,7 @@ impl SubdivisionCriteria {
         innovations: &[InnovationSum; 16],
         curvatures: impl FnOnce() -> Option<[[f64; 2]; 16]>,
     ) -> Option<SubdivisionReason> {
-        if innovations.iter().map(|s| s.count).sum::<u64>() < self.least_readings {
+        if innovations.iter().map(|s| s.count + s.far).sum::<u64>() < self.least_readings {
             return None;
         }
         if let Some(limit) = self.chi_square {
@@ -84,11 +123,17 @@ impl SubdivisionCriteria {
     }
 }
 
-/// `sd(K) / max(|K̄|, σ_K)`, σ_K the root mean square of the σ; of `sd(K)` what is beyond σ_K where noise is discounted.
-fn curvature_variation(curvatures: &[[f64; 2]; 16], discount_noise: bool) -> f64 {
-    let mean = curvatures.iter().map(|[k, _]| k).sum::<f64>() / 16.0;
-    let variance = curvatures.iter().map(|[k, _]| (k - mean).powi(2)).sum::<f64>() / 15.0;
-    let sigma2 = curvatures.iter().map(|[_, s]| s * s).sum::<f64>() / 16.0;
+/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, σ_K the root mean square of the σ; of `sd(K)` what is beyond σ_K where noise is
+/// discounted. Of fewer than two it is 0.
+#[must_use]
+pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64 {
+    let n = curvatures.len() as f64;
+    if n < 2.0 {
+        return 0.0;
+    }
+    let mean = curvatures.iter().map(|[k, _]| k).sum::<f64>() / n;
+    let variance = curvatures.iter().map(|[k, _]| (k - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let sigma2 = curvatures.iter().map(|[_, s]| s * s).sum::<f64>() / n;
     let scale = mean.abs().max(sigma2.sqrt());
     let beyond = if discount_noise { variance - sigma2 } else { variance };
     if beyond > 0.0 { beyond.sqrt() / scale } else { 0.0 }
@@ -100,12 +145,13 @@ fn worst_block(innovations: &[InnovationSum; 16], least: u64) -> f64 {
     for row in 0..3 {
         for column in 0..3 {
             let block = [0, 1, 4, 5].map(|k| innovations[4 * row + column + k]);
-            let count: u64 = block.iter().map(|s| s.count).sum();
-            if count < least.max(1) {
+            let all = block.iter().fold(InnovationSum::default(), InnovationSum::with);
+            let far = if all.far_is_shape() { all.far } else { 0 };
+            if all.count + far < least.max(1) {
                 continue;
             }
-            let n = count as f64;
-            let sum: f64 = block.iter().map(|s| s.normalized_squared).sum();
+            let n = (all.count + far) as f64;
+            let sum = all.normalized_squared + FAR_SQUARED * far as f64;
             let spread = 2.0 / (9.0 * n);
             worst = worst.max(((sum / n).cbrt() - 1.0 + spread) / spread.sqrt());
         }
@@ -151,7 +197,9 @@ mod tests {
 
     #[test]
     fn variation_has_no_unit_and_survives_a_mean_of_zero() {
-        let waves = |scale: f64, sigma: f64| std::array::from_fn(|k| [scale * (k as f64 - 7.5), scale * sigma]);
+        let waves = |scale: f64, sigma: f64| -> [[f64; 2]; 16] {
+            std::array::from_fn(|k| [scale * (k as f64 - 7.5), scale * sigma])
+        };
         let one = curvature_variation(&waves(1.0, 2.0), false);
         assert!(
             (curvature_variation(&waves(1e-6, 2.0), false) / one - 1.0).abs() < 1e-12,

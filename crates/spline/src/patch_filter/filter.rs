@@ -7,14 +7,15 @@
 
 use super::belief::{PatchBelief, Workspace};
 use super::criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, gaussian_curvature};
-use super::prior::{PatchPriors, SmoothnessPrior, positive_part};
+use super::observe::ScalarReading;
+use super::prior::{PatchCovariances, SmoothnessPrior, positive_part};
 use super::quadtree::{Patch, Quadtree, SparseRow, VERTICES, quarter_matrix, vertex_of};
-use super::reading::{EquationKind, SurfaceReading};
 use super::reconcile::{News, spread};
 use crate::basis::cubic;
 use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL};
 use crate::surface::{Jet, Surface, jet_of, leaf_weights};
 use nalgebra::DMatrix;
+use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -26,6 +27,10 @@ pub enum StateLayout {
     Height,
     /// Three coordinates that share one covariance of 49 unknowns: positions whose noise has no direction.
     Isotropic,
+    /// Three coordinates that share one covariance of 49 unknowns: what is read along the surface's normal, where parameters are foot points. The
+    /// mean takes every reading exactly; the covariance takes it as one of all directions, which is right along the normal (as far as the
+    /// normal is the same all over a patch) and says nothing of motion within the surface, which only renames its points.
+    Normal,
     /// 147 unknowns: every reading there is. Nine times the memory and work.
     Full,
 }
@@ -35,7 +40,7 @@ impl StateLayout {
     pub(super) fn size(self) -> (usize, usize) {
         match self {
             Self::Height => (VERTICES, 1),
-            Self::Isotropic => (VERTICES, 3),
+            Self::Isotropic | Self::Normal => (VERTICES, 3),
             Self::Full => (3 * VERTICES, 1),
         }
     }
@@ -55,6 +60,9 @@ pub struct PatchFilterOptions {
     /// may the children that inherit it; with it, patches that are never divided lose what the prior wrongly expects of detail. The
     /// global filter over the same cells expects none.
     pub expect_detail: bool,
+    /// Whether normals and curvatures are linearised at the initial surface and not at the estimate. Then every equation is linear, and the order of
+    /// readings makes no difference at all; but the surface must begin near its place.
+    pub linearize_at_initial: bool,
 }
 
 impl Default for PatchFilterOptions {
@@ -65,6 +73,7 @@ impl Default for PatchFilterOptions {
             maximum_depth: 3,
             least_gain: 1e-6,
             expect_detail: false,
+            linearize_at_initial: false,
         }
     }
 }
@@ -78,6 +87,8 @@ pub struct PatchUpdate {
     pub equations: usize,
     /// `Σ e²/S`, distributed as χ² with as many degrees of freedom as equations where the filter is consistent.
     pub normalized_squared: f64,
+    /// Whether it was taken in as it is: one beyond the gate is left out, or taken with doubt where most of its neighbours are beyond it, too.
+    pub within_gate: bool,
 }
 
 /// A patch that was divided.
@@ -133,9 +144,9 @@ pub struct PatchFilter {
     pub(super) members: Vec<Member>,
     pub(super) readings: u64,
     /// By depth: how much of the prior's variance only deeper patches can hold.
-    detail_variance: Vec<f64>,
-    workspace: Workspace,
-    row: SparseRow,
+    pub(super) detail_variance: Vec<f64>,
+    pub(super) workspace: Workspace,
+    pub(super) scalars: [ScalarReading; 3],
 }
 
 impl PatchFilter {
@@ -153,14 +164,60 @@ impl PatchFilter {
         prior: SmoothnessPrior,
         options: PatchFilterOptions,
     ) -> Result<Self> {
-        prior.validate()?;
-        let space = initial.space();
-        if space.levels() > 1 {
+        if initial.space().levels() > 1 {
             return Err(Error::input(
                 "a patch filter starts from an unrefined surface; it refines by itself",
             ));
         }
-        if metric.space().shape() != space.shape() || metric.space().base() != space.base() {
+        Self::begin(initial, initial, metric, prior, options, None)
+    }
+
+    /// A filter that goes on from a first fit: its mean is that surface, its covariance the inverse of `information`.
+    ///
+    /// The surface's cells come in whole patches ([`super::patch_hierarchy`]), over the base grid of `metric`; `information` is that of one
+    /// coordinate over its nodes, prior and first readings together. Those readings must not come again. Every patch gets its part of the one
+    /// joint belief, so neighbours agree and have nothing to tell each other. Cost: one factor, and a solve for 49 columns a patch.
+    ///
+    /// # Errors
+    /// As for [`Self::new`], and `Input` for cells that are no whole patches or deeper than the maximum depth, and heights, whose plan would be
+    /// that of the metric; `Undetermined` when the information is singular.
+    pub fn from_first_fit(
+        fitted: &Surface,
+        metric: &Surface,
+        prior: SmoothnessPrior,
+        information: &BlockInformation,
+        options: PatchFilterOptions,
+    ) -> Result<Self> {
+        if options.layout == StateLayout::Height {
+            return Err(Error::input(
+                "a first fit has three coordinates: needed another layout than heights",
+            ));
+        }
+        if fitted.space().levels() > usize::from(options.maximum_depth) + 1 {
+            return Err(Error::input(format!(
+                "the first fit has {} levels, more than a maximum depth of {} allows",
+                fitted.space().levels(),
+                options.maximum_depth
+            )));
+        }
+        Self::begin(fitted, metric, metric, prior, options, Some(information))
+    }
+
+    /// `fitted` is the mean; `initial` the surface over the base grid whose plan heights keep.
+    fn begin(
+        fitted: &Surface,
+        initial: &Surface,
+        metric: &Surface,
+        prior: SmoothnessPrior,
+        options: PatchFilterOptions,
+        information: Option<&BlockInformation>,
+    ) -> Result<Self> {
+        prior.validate()?;
+        let space = fitted.space();
+        if metric.space().shape() != space.shape()
+            || metric.space().base() != space.base()
+            || metric.space().levels() > 1
+        {
             return Err(Error::input(
                 "the surface whose metric is used needs the initial surface's base grid",
             ));
@@ -178,22 +235,30 @@ impl PatchFilter {
             )));
         }
         let quadtree = Quadtree::new(Arc::clone(space))?;
-        let priors = PatchPriors::new(space, metric, prior.hold)?;
+        let start = initial.refined(Arc::clone(space))?;
+        let priors = PatchCovariances::of_prior(&quadtree, metric, prior.hold)?;
+        let known = information
+            .map(|information| PatchCovariances::of_information(&quadtree, information))
+            .transpose()?;
         let members = (0..quadtree.patches.len())
             .map(|p| {
                 let covariance = priors.covariance(&quadtree, p)? / prior.weight;
-                let initial = quadtree.coefficients(p, |leaf| *initial.leaf_coefficients(leaf));
+                let known = match &known {
+                    Some(known) => known.covariance(&quadtree, p)?,
+                    None => covariance.clone(),
+                };
+                let mean = quadtree.coefficients(p, |leaf| *fitted.leaf_coefficients(leaf));
                 let mean = match options.layout {
-                    StateLayout::Height => DMatrix::from_fn(VERTICES, 1, |k, _| initial[k][2]),
-                    StateLayout::Isotropic => DMatrix::from_fn(VERTICES, 3, |k, d| initial[k][d]),
-                    StateLayout::Full => DMatrix::from_fn(3 * VERTICES, 1, |k, _| initial[k / 3][k % 3]),
+                    StateLayout::Height => DMatrix::from_fn(VERTICES, 1, |k, _| mean[k][2]),
+                    StateLayout::Isotropic | StateLayout::Normal => DMatrix::from_fn(VERTICES, 3, |k, d| mean[k][d]),
+                    StateLayout::Full => DMatrix::from_fn(3 * VERTICES, 1, |k, _| mean[k / 3][k % 3]),
                 };
                 Ok(Member {
-                    belief: PatchBelief::from_matrices(&mean, &expanded(&covariance, options.layout)),
+                    belief: PatchBelief::from_matrices(&mean, &expanded(&known, options.layout)),
                     before: None,
                     prior: covariance,
                     innovations: [InnovationSum::default(); 16],
-                    initial,
+                    initial: quadtree.coefficients(p, |leaf| *start.leaf_coefficients(leaf)),
                 })
             })
             .collect::<Result<_>>()?;
@@ -220,7 +285,7 @@ impl PatchFilter {
             readings,
             detail_variance,
             workspace: Workspace::default(),
-            row: SparseRow::with_capacity(48),
+            scalars: Default::default(),
         })
     }
 
@@ -232,6 +297,11 @@ impl PatchFilter {
         match self.options.layout {
             StateLayout::Full => return Ok(self),
             StateLayout::Isotropic => {}
+            StateLayout::Normal => {
+                return Err(Error::unsupported(
+                    "a filter along normals knows nothing of the other directions: begin with the isotropic or the full layout",
+                ));
+            }
             StateLayout::Height => {
                 return Err(Error::unsupported(
                     "a filter of heights takes its plan as known: begin with the isotropic or the full layout",
@@ -297,102 +367,6 @@ impl PatchFilter {
             .sum()
     }
 
-    /// Takes in one reading: its patch's belief is updated at once, in time and memory that do not depend on what came before.
-    ///
-    /// Cost: two to four thousand multiply-adds times three for [`StateLayout::Height`] and [`StateLayout::Isotropic`]; ten
-    /// times that for every equation of [`StateLayout::Full`]. Neighbours hear of it at the next [`Self::reconcile`].
-    ///
-    /// # Errors
-    /// `Input` for numbers that are not finite, negative variances, directions that are no unit vectors; `Undetermined` where the
-    /// surface has no tangent plane for a normal, or the reading has no noise where there is no doubt left; `Unsupported` for readings
-    /// along a direction in an isotropic filter.
-    pub fn observe(&mut self, reading: &SurfaceReading) -> Result<PatchUpdate> {
-        let [u, v] = reading.parameters();
-        if !(u.is_finite() && v.is_finite()) {
-            return Err(Error::input("a reading's parameters are not finite"));
-        }
-        let (leaf, local) = self.quadtree.space.locate(u, v);
-        let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
-        let (patch, cell) = (patch as usize, usize::from(cell));
-        let side = self.quadtree.space.leaves()[leaf].side();
-        let mut equations = [None; 3];
-        reading.equations(
-            local,
-            side,
-            || jet_of(&self.cell_coefficients(patch, cell), 1.0 / side, local[0], local[1]),
-            &mut equations,
-        )?;
-        let layout = self.options.layout;
-        if layout == StateLayout::Isotropic
-            && equations
-                .iter()
-                .flatten()
-                .any(|e| matches!(e.what, EquationKind::Form(..)))
-        {
-            return Err(Error::unsupported(
-                "a filter whose coordinates share one covariance takes positions with noise alike in all directions: use the full layout",
-            ));
-        }
-        let member = &mut self.members[patch];
-        if member.before.is_none() {
-            member.before = Some(member.belief.clone());
-        }
-        let mut update = PatchUpdate {
-            patch: self.quadtree.patches[patch],
-            equations: 0,
-            normalized_squared: 0.0,
-        };
-        let detail = self.detail_variance[usize::from(update.patch.depth)];
-        for equation in equations.iter().flatten() {
-            let variance = equation.variance + equation.sees_detail * detail;
-            let mut take = |row: &SparseRow, value: [f64; 3], columns: usize| -> Result<()> {
-                let surprise = member.belief.update(row, value, variance, &mut self.workspace)?;
-                update.equations += columns;
-                update.normalized_squared +=
-                    surprise.residual[..columns].iter().map(|e| e * e).sum::<f64>() / surprise.variance;
-                Ok(())
-            };
-            let row = &mut self.row;
-            row.clear();
-            let at = |k: usize| vertex_of(cell, k) as u16;
-            match (layout, equation.what) {
-                (StateLayout::Height, EquationKind::Point(weights, p)) => {
-                    row.extend((0..16).map(|k| (at(k), weights[k])));
-                    take(row, [p[2], 0.0, 0.0], 1)?;
-                }
-                (StateLayout::Isotropic, EquationKind::Point(weights, p)) => {
-                    row.extend((0..16).map(|k| (at(k), weights[k])));
-                    take(row, p, 3)?;
-                }
-                (StateLayout::Full, EquationKind::Point(weights, p)) => {
-                    for (d, z) in (0..3).zip(p) {
-                        row.clear();
-                        row.extend((0..16).map(|k| (3 * at(k) + d, weights[k])));
-                        take(row, [z, 0.0, 0.0], 1)?;
-                    }
-                }
-                (StateLayout::Height, EquationKind::Form(form, mut value)) => {
-                    for (k, f) in form.iter().enumerate() {
-                        let known = member.initial[vertex_of(cell, k)];
-                        value -= f[0] * known[0] + f[1] * known[1];
-                    }
-                    row.extend((0..16).map(|k| (at(k), form[k][2])));
-                    take(row, [value, 0.0, 0.0], 1)?;
-                }
-                (StateLayout::Full, EquationKind::Form(form, value)) => {
-                    row.extend((0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f))));
-                    take(row, [value, 0.0, 0.0], 1)?;
-                }
-                (StateLayout::Isotropic, EquationKind::Form(..)) => {}
-            }
-        }
-        let sum = &mut member.innovations[cell];
-        sum.count += update.equations as u64;
-        sum.normalized_squared += update.normalized_squared;
-        self.readings += 1;
-        Ok(update)
-    }
-
     /// Tells all patches what each has learned of its own since the last time, by the channel filter.
     ///
     /// Cost: for each patch with new readings and each that it has something to tell, about a hundred thousand multiply-adds; it does not
@@ -429,14 +403,26 @@ impl PatchFilter {
     /// As for [`Self::reconcile`].
     pub fn refine(&mut self, criteria: &SubdivisionCriteria) -> Result<Vec<Subdivision>> {
         self.reconcile()?;
-        let reasons: Vec<Option<SubdivisionReason>> = (0..self.members.len())
+        let deepest = self.options.maximum_depth;
+        let mut reasons: Vec<Option<SubdivisionReason>> = (0..self.members.len())
             .map(|p| {
-                if self.quadtree.patches[p].depth >= self.options.maximum_depth {
-                    return None;
-                }
-                criteria.reason(&self.members[p].innovations, || self.curvatures(p))
+                let may = self.quadtree.patches[p].depth < deepest;
+                may.then(|| self.reason(p, criteria)).flatten()
             })
             .collect();
+        // A division makes three patches more; the strongest reasons go first where there is no room for all.
+        let room = criteria.most_patches.saturating_sub(self.members.len()) / 3;
+        let mut wanted: Vec<usize> = (0..reasons.len()).filter(|&p| reasons[p].is_some()).collect();
+        if wanted.len() > room {
+            let strength = |p: usize| reasons[p].map_or((0, 0.0), SubdivisionReason::strength);
+            wanted.sort_by(|&a, &b| {
+                let (a, b) = (strength(a), strength(b));
+                b.0.cmp(&a.0).then(b.1.total_cmp(&a.1))
+            });
+            for &p in &wanted[room..] {
+                reasons[p] = None;
+            }
+        }
         self.divide_for(reasons)
     }
 
@@ -469,7 +455,7 @@ impl PatchFilter {
             return Ok(Vec::new());
         }
         let quadtree = self.quadtree.divided(&marked)?;
-        let priors = PatchPriors::new(&quadtree.space, &self.metric, self.prior.hold)?;
+        let priors = PatchCovariances::of_prior(&quadtree, &self.metric, self.prior.hold)?;
         let old: HashMap<Patch, usize> = (0..).zip(&self.quadtree.patches).map(|(n, &p)| (p, n)).collect();
         let initial = self.initial.refined(Arc::clone(&quadtree.space))?;
         let layout = self.options.layout;
@@ -551,6 +537,33 @@ impl PatchFilter {
         self.variance_of_form(patch as usize, usize::from(cell), &form)
     }
 
+    /// The covariance that the sixteen coefficients of a leaf cell have, `16 × 16`, the same for every coordinate that is an unknown; none in
+    /// the full layout, where coordinates differ.
+    #[must_use]
+    pub fn leaf_covariance(&self, leaf: usize) -> Option<Vec<f64>> {
+        if self.options.layout == StateLayout::Full {
+            return None;
+        }
+        let &(patch, cell) = self.quadtree.patch_of_leaf.get(leaf)?;
+        let belief = &self.members[patch as usize].belief;
+        let at = |k: usize| vertex_of(usize::from(cell), k);
+        let entry = |k: usize| belief.covariance()[at(k / 16) * VERTICES + at(k % 16)];
+        Some((0..256).map(entry).collect())
+    }
+
+    /// How many leaf patches of the maximum depth the criteria would have divided further.
+    #[must_use]
+    pub fn held_back(&self, criteria: &SubdivisionCriteria) -> usize {
+        let deepest = self.options.maximum_depth;
+        (0..self.members.len())
+            .filter(|&p| self.quadtree.patches[p].depth >= deepest && self.reason(p, criteria).is_some())
+            .count()
+    }
+
+    fn reason(&self, patch: usize, criteria: &SubdivisionCriteria) -> Option<SubdivisionReason> {
+        criteria.reason(&self.members[patch].innovations, || self.curvatures(patch))
+    }
+
     /// σ of the surface along its normal at `(u, v)`; none where it has no normal.
     #[must_use]
     pub fn sigma(&self, u: f64, v: f64) -> Option<f64> {
@@ -624,7 +637,7 @@ impl PatchFilter {
         belief.covariance()[at * belief.dimension() + at]
     }
 
-    fn cell_coefficients(&self, patch: usize, cell: usize) -> [[f64; 3]; 16] {
+    pub(super) fn cell_coefficients(&self, patch: usize, cell: usize) -> [[f64; 3]; 16] {
         std::array::from_fn(|k| self.vertex(patch, vertex_of(cell, k)))
     }
 
@@ -639,7 +652,7 @@ impl PatchFilter {
         };
         let variance = match self.options.layout {
             StateLayout::Height => belief.variance_of(&of(2)),
-            StateLayout::Isotropic => (0..3).map(|d| belief.variance_of(&of(d))).sum(),
+            StateLayout::Isotropic | StateLayout::Normal => (0..3).map(|d| belief.variance_of(&of(d))).sum(),
             StateLayout::Full => {
                 let row: SparseRow = (0..3)
                     .flat_map(|d| of(usize::from(d)).into_iter().map(move |(k, w)| (3 * k + d, w)))
@@ -673,8 +686,8 @@ fn detail_variances(metric: &Surface, prior: SmoothnessPrior, options: &PatchFil
     marked[0] = true;
     let fine = coarse.divided(&marked)?;
     let (before, after) = (
-        PatchPriors::new(&coarse.space, metric, prior.hold)?.covariance(&coarse, 0)?,
-        PatchPriors::new(&fine.space, metric, prior.hold)?,
+        PatchCovariances::of_prior(&coarse, metric, prior.hold)?.covariance(&coarse, 0)?,
+        PatchCovariances::of_prior(&fine, metric, prior.hold)?,
     );
     let (mut sum, mut points) = (0.0, 0.0);
     for (p, patch) in fine.patches.iter().enumerate() {

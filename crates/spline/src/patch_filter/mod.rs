@@ -9,6 +9,7 @@
 //! | quadtree | leaf patches of 4 × 4 cells and 7 × 7 vertices, and what neighbours share |
 //! | belief | mean and covariance of one patch, scalar updates |
 //! | reading | positions, normals, curvatures as scalar equations |
+//! | observe | one reading taken in, or set aside |
 //! | prior | the smoothness prior, the same that the global filter has |
 //! | reconcile | neighbours made to agree, with nothing counted twice |
 //! | criterion | when a patch is divided |
@@ -25,6 +26,7 @@
 mod belief;
 mod criterion;
 mod filter;
+mod observe;
 mod prior;
 mod quadtree;
 mod reading;
@@ -32,10 +34,10 @@ mod reconcile;
 mod state;
 
 pub use belief::PatchBelief;
-pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason};
+pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, curvature_variation};
 pub use filter::{PatchFilter, PatchFilterOptions, PatchUpdate, StateLayout, Subdivision};
 pub use prior::{SmoothnessPrior, parameter_plane};
-pub use quadtree::{PATCH_CELLS, PATCH_VERTICES, Patch, VertexSharing};
+pub use quadtree::{PATCH_CELLS, PATCH_VERTICES, Patch, VertexSharing, patch_hierarchy};
 pub use reading::SurfaceReading;
 pub use state::{PatchFilterState, PatchState};
 

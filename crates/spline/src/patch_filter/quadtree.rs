@@ -118,6 +118,26 @@ pub(super) struct Quadtree {
     leaves: Vec<[u32; 16]>,
 }
 
+/// The coarsest hierarchy of whole patches whose cells are nowhere coarser than those of a hierarchy over the same base grid.
+///
+/// # Errors
+/// `Input` when the base grid is no multiple of 4 × 4 cells.
+pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
+    let mut tree = Quadtree::new(Arc::new(Hierarchy::uniform(space.shape(), space.base())?))?;
+    loop {
+        let mut marked = vec![false; tree.patches.len()];
+        for (leaf, cell) in space.leaves().iter().enumerate() {
+            let [u, v] = space.parameters(leaf, [0.5, 0.5]);
+            let (patch, _) = tree.patch_of_leaf[tree.space.locate(u, v).0];
+            marked[patch as usize] |= cell.level > tree.patches[patch as usize].depth;
+        }
+        if !marked.contains(&true) {
+            return Ok(tree.space);
+        }
+        tree = tree.divided(&marked)?;
+    }
+}
+
 impl Quadtree {
     /// The patches of a hierarchy.
     ///

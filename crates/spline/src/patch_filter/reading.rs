@@ -26,6 +26,7 @@
 use crate::base::symmetric_eigen;
 use crate::basis::cubic;
 use crate::surface::{Jet, leaf_weights};
+use crate::tangent_rows::{TangentRows, tensor_of};
 use planish_estimate::vector3::{cross, dot, norm, unit};
 use planish_estimate::{Error, Result};
 
@@ -253,6 +254,91 @@ impl SurfaceReading {
     }
 }
 
+/// A reading along the surface's normal, or another direction: `Σ_k c_k P_k` moves by the residual along it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Offset {
+    pub weights: [f64; 16],
+    pub direction: [f64; 3],
+    pub residual: f64,
+    pub variance: f64,
+    pub sees_detail: f64,
+}
+
+impl SurfaceReading {
+    /// What a reading says of the surface along one direction, with the rows of [`TangentRows`]: vertices move along the normal, and motion
+    /// within the surface neither turns nor bends it. Written to `out`, none behind the last.
+    pub(super) fn offsets(
+        &self,
+        local: [f64; 2],
+        side: f64,
+        jet: impl Fn() -> Jet,
+        out: &mut [Option<Offset>; 3],
+    ) -> Result<()> {
+        self.validate()?;
+        *out = [None; 3];
+        let rows = || TangentRows::new(&jet(), 1.0 / side, local).ok_or_else(no_tangent_plane);
+        match *self {
+            Self::Along {
+                direction,
+                value,
+                variance,
+                ..
+            } => {
+                out[0] = Some(Offset {
+                    weights: leaf_weights(local[0], local[1]),
+                    direction,
+                    residual: value - dot(direction, jet().point),
+                    variance,
+                    sees_detail: 1.0,
+                });
+            }
+            Self::Normal { normal, sigma_rad, .. } => {
+                let rows = rows()?;
+                for ((to, weights), tilt) in out.iter_mut().zip(rows.slopes).zip(rows.tilt(normal)) {
+                    *to = Some(Offset {
+                        weights,
+                        direction: rows.normal,
+                        residual: -tilt,
+                        variance: sigma_rad * sigma_rad,
+                        sees_detail: 0.0,
+                    });
+                }
+            }
+            Self::Curvature {
+                principal,
+                directions,
+                sigma,
+                ..
+            } => {
+                let rows = rows()?;
+                let bend = rows.bend(&tensor_of(principal, directions));
+                for (((to, weights), residual), share) in out.iter_mut().zip(rows.bends).zip(bend).zip([1.0, 0.5, 1.0])
+                {
+                    *to = Some(Offset {
+                        weights,
+                        direction: rows.normal,
+                        residual,
+                        variance: sigma * sigma * share,
+                        sees_detail: 0.0,
+                    });
+                }
+            }
+            Self::Position { .. } | Self::PositionWithCovariance { .. } => {
+                return Err(Error::unsupported(
+                    "a filter along normals takes positions as readings along the normal at their foot points",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn no_tangent_plane() -> Error {
+    Error::undetermined(
+        "the surface has no tangent plane yet where a normal or a curvature was measured: give positions first",
+    )
+}
+
 fn is_unit(d: &[f64; 3]) -> bool {
     (dot(*d, *d) - 1.0).abs() < 1e-6
 }
@@ -265,17 +351,12 @@ struct TangentFrame {
 
 impl TangentFrame {
     fn of(jet: &Jet) -> Result<Self> {
-        let singular = || {
-            Error::undetermined(
-                "the surface has no tangent plane yet where a normal or a curvature was measured: give positions first",
-            )
-        };
-        let t1 = unit(jet.du).ok_or_else(singular)?;
+        let t1 = unit(jet.du).ok_or_else(no_tangent_plane)?;
         let (l, m) = (norm(jet.du), dot(jet.dv, t1));
         let across = [0, 1, 2].map(|d| jet.dv[d] - m * t1[d]);
         let q = norm(across);
         if q <= 1e-9 * (norm(jet.dv) + l) {
-            return Err(singular());
+            return Err(no_tangent_plane());
         }
         Ok(Self {
             tangents: [t1, across.map(|x| x / q)],

@@ -5,12 +5,13 @@
 
 use super::belief::PatchBelief;
 use super::criterion::InnovationSum;
-use super::filter::{Member, PatchFilter, PatchFilterOptions};
+use super::filter::{Member, PatchFilter, PatchFilterOptions, StateLayout};
 use super::prior::SmoothnessPrior;
 use super::quadtree::{Patch, Quadtree, VERTICES};
-use crate::hierarchy::{Cell, Hierarchy, Shape};
+use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape};
 use crate::surface::Surface;
 use nalgebra::DMatrix;
+use planish_estimate::vector3::add;
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
@@ -50,6 +51,24 @@ pub struct PatchState {
     pub innovations: [InnovationSum; 16],
 }
 
+impl PatchFilterState {
+    /// The same in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
+    pub fn translate(&mut self, by: [f64; 3]) {
+        for vertices in [&mut self.initial_vertices, &mut self.metric_vertices] {
+            for p in vertices {
+                *p = add(*p, by);
+            }
+        }
+        // The unknowns of a mean are coordinates in turn, or heights alone.
+        let heights = self.options.layout == StateLayout::Height;
+        for patch in &mut self.patches {
+            for belief in [Some(&mut patch.belief), patch.before.as_mut()].into_iter().flatten() {
+                belief.translate(|k| if heights { by[2] } else { by[k % 3] });
+            }
+        }
+    }
+}
+
 impl PatchFilter {
     /// All that the filter knows, as plain numbers.
     #[must_use]
@@ -84,6 +103,12 @@ impl PatchFilter {
     /// `Input` when parts of the state do not fit each other.
     pub fn from_state(state: &PatchFilterState) -> Result<Self> {
         state.prior.validate()?;
+        let deepest = state.options.maximum_depth;
+        if usize::from(deepest) > MAX_LEVEL || state.patches.iter().any(|p| p.patch.depth > deepest) {
+            return Err(Error::input(format!(
+                "a patch filter's state has patches deeper than its maximum depth of {deepest}, or that is beyond {MAX_LEVEL}"
+            )));
+        }
         let base = Arc::new(Hierarchy::uniform(state.shape, state.base)?);
         let initial = Surface::new(Arc::clone(&base), state.initial_vertices.clone())?;
         let metric = Surface::new(base, state.metric_vertices.clone())?;

@@ -1,0 +1,186 @@
+//! The state of a patch filter as tensors and back, to the last bit.
+
+use super::{Tensors, tensor};
+use planish_estimate::{Error, Result};
+use planish_exchange::model::{Tensor, TensorData};
+use planish_spline::{
+    InnovationSum, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState, PatchState,
+    Shape, SmoothnessPrior, StateLayout,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+const VERTICES: usize = PATCH_VERTICES * PATCH_VERTICES;
+const CELLS: usize = 16;
+
+/// What the metadata says of a filter beside its tensors.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Notes {
+    layout: String,
+    weight: f64,
+    hold: f64,
+    maximum_depth: u8,
+    least_gain: f64,
+    expect_detail: bool,
+    linearize_at_initial: bool,
+    readings: u64,
+}
+
+fn name(layout: StateLayout) -> &'static str {
+    match layout {
+        StateLayout::Height => "height",
+        StateLayout::Isotropic => "isotropic",
+        StateLayout::Normal => "normal",
+        StateLayout::Full => "full",
+    }
+}
+
+/// Columns of the mean of a layout that is saved.
+fn columns(layout: StateLayout) -> Option<usize> {
+    match layout {
+        StateLayout::Height => Some(1),
+        StateLayout::Isotropic | StateLayout::Normal => Some(3),
+        StateLayout::Full => None,
+    }
+}
+
+fn unsaved() -> Error {
+    Error::unsupported(
+        "a patch filter in the full layout is not saved: needed heights, positions or readings along normals",
+    )
+}
+
+/// Adds the tensors of a filter whose patches have told each other all they know.
+pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) -> Result<()> {
+    let state = filter.state();
+    let columns = columns(state.options.layout).ok_or_else(unsaved)?;
+    if state.patches.iter().any(|p| p.before.is_some()) {
+        return Err(Error::input(
+            "a patch filter is saved after its patches were reconciled",
+        ));
+    }
+    let count = state.patches.len();
+    let numbers = |of: &dyn Fn(&PatchState) -> Vec<f64>| TensorData::F64(state.patches.iter().flat_map(of).collect());
+    let cells = (state.patches.iter()).flat_map(|p| [u32::from(p.patch.depth), p.patch.i, p.patch.j]);
+    let square = [count, VERTICES, VERTICES];
+    let innovations = |p: &PatchState| -> Vec<f64> {
+        let of_cell = |s: &InnovationSum| [s.count as f64, s.normalized_squared, s.far as f64];
+        p.innovations.iter().flat_map(of_cell).collect()
+    };
+    let points = |p: &[[f64; 3]]| tensor(&[p.len(), 3], TensorData::F64(p.as_flattened().to_vec()));
+    for (name, made) in [
+        ("patch_cells", tensor(&[count, 3], TensorData::U32(cells.collect()))),
+        (
+            "patch_means",
+            tensor(&[count, VERTICES, columns], numbers(&|p| p.belief.mean().to_vec())),
+        ),
+        (
+            "patch_covariances",
+            tensor(&square, numbers(&|p| p.belief.covariance().to_vec())),
+        ),
+        (
+            "patch_priors",
+            tensor(&square, numbers(&|p| p.prior_covariance.clone())),
+        ),
+        ("patch_innovations", tensor(&[count, CELLS, 3], numbers(&innovations))),
+        ("patch_initial", points(&state.initial_vertices)),
+        ("patch_metric", points(&state.metric_vertices)),
+    ] {
+        tensors.insert(name.to_owned(), made);
+    }
+    Ok(())
+}
+
+impl Notes {
+    pub(super) fn of(filter: &PatchFilter) -> Self {
+        let (options, prior) = (filter.options(), filter.prior());
+        Self {
+            layout: name(options.layout).to_owned(),
+            weight: prior.weight,
+            hold: prior.hold,
+            maximum_depth: options.maximum_depth,
+            least_gain: options.least_gain,
+            expect_detail: options.expect_detail,
+            linearize_at_initial: options.linearize_at_initial,
+            readings: filter.readings(),
+        }
+    }
+
+    /// The filter of these notes and the tensors of a file.
+    pub(super) fn filter(&self, shape: Shape, base: [usize; 2], tensors: &mut Tensors) -> Result<PatchFilter> {
+        let layout = [StateLayout::Height, StateLayout::Isotropic, StateLayout::Normal]
+            .into_iter()
+            .find(|layout| name(*layout) == self.layout)
+            .ok_or_else(|| {
+                Error::input(format!(
+                    "patch_filter: needed the layout height, isotropic or normal, found `{}`",
+                    self.layout
+                ))
+            })?;
+        let columns = columns(layout).ok_or_else(unsaved)?;
+        let cells = tensors.u32("patch_cells", &[3])?;
+        let means = tensors.f64("patch_means", &[VERTICES, columns])?;
+        let covariances = tensors.f64("patch_covariances", &[VERTICES, VERTICES])?;
+        let priors = tensors.f64("patch_priors", &[VERTICES, VERTICES])?;
+        let innovations = tensors.f64("patch_innovations", &[CELLS, 3])?;
+        let count = cells.len() / 3;
+        let square = VERTICES * VERTICES;
+        for (name, found) in [
+            ("patch_means", means.len() / (VERTICES * columns)),
+            ("patch_covariances", covariances.len() / square),
+            ("patch_priors", priors.len() / square),
+            ("patch_innovations", innovations.len() / (3 * CELLS)),
+        ] {
+            if found != count {
+                return Err(Error::input(format!(
+                    "tensor `{name}`: needed one for each of {count} patches, found {found}"
+                )));
+            }
+        }
+        let patches = (0..count)
+            .map(|p| {
+                let depth = u8::try_from(cells[3 * p])
+                    .map_err(|_| Error::input(format!("tensor `patch_cells`: {} is no depth", cells[3 * p])))?;
+                let mean = means[p * VERTICES * columns..][..VERTICES * columns].to_vec();
+                let of_cell = |k: usize| {
+                    let [count, normalized_squared, far] = [0, 1, 2].map(|d| innovations[3 * (CELLS * p + k) + d]);
+                    InnovationSum {
+                        count: count as u64,
+                        normalized_squared,
+                        far: far as u64,
+                    }
+                };
+                Ok(PatchState {
+                    patch: Patch {
+                        depth,
+                        i: cells[3 * p + 1],
+                        j: cells[3 * p + 2],
+                    },
+                    belief: PatchBelief::from_covariance(columns, mean, covariances[p * square..][..square].to_vec())?,
+                    before: None,
+                    prior_covariance: priors[p * square..][..square].to_vec(),
+                    innovations: std::array::from_fn(of_cell),
+                })
+            })
+            .collect::<Result<_>>()?;
+        PatchFilter::from_state(&PatchFilterState {
+            shape,
+            base,
+            initial_vertices: tensors.f64("patch_initial", &[3])?.as_chunks::<3>().0.to_vec(),
+            metric_vertices: tensors.f64("patch_metric", &[3])?.as_chunks::<3>().0.to_vec(),
+            prior: SmoothnessPrior {
+                weight: self.weight,
+                hold: self.hold,
+            },
+            options: PatchFilterOptions {
+                layout,
+                maximum_depth: self.maximum_depth,
+                least_gain: self.least_gain,
+                expect_detail: self.expect_detail,
+                linearize_at_initial: self.linearize_at_initial,
+            },
+            readings: self.readings,
+            patches,
+        })
+    }
+}

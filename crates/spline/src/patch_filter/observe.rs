@@ -1,0 +1,243 @@
+//! One reading taken in: located, told as scalar rows, held against what was expected, and filtered into its patch.
+//!
+//! Comes in: a [`SurfaceReading`]. Goes out: the patch's belief after it, and what the reading said that was not expected.
+//!
+//! Not guaranteed: that a gross error in a place where nothing is known yet is found.
+
+use super::belief::Workspace;
+use super::filter::{Member, PatchFilter, PatchUpdate, StateLayout};
+use super::quadtree::{SparseRow, vertex_of};
+use super::reading::{EquationKind, SurfaceReading};
+use crate::foot::{FootPoint, ProjectionOptions, project_onto};
+use crate::surface::jet_of;
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+
+/// One row of a reading over the unknowns of its patch: `rowᵀ x = value`, for each column of the mean.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ScalarReading {
+    row: SparseRow,
+    value: [f64; 3],
+    variance: f64,
+    /// How many numbers it holds: three of a position whose coordinates share one covariance.
+    numbers: usize,
+}
+
+/// Where a reading falls.
+#[derive(Clone, Copy)]
+struct Place {
+    patch: usize,
+    cell: usize,
+    local: [f64; 2],
+    side: f64,
+}
+
+impl PatchFilter {
+    /// Takes in one reading: its patch's belief is updated at once, in time and memory that do not depend on what came before.
+    ///
+    /// Cost: two to four thousand multiply-adds times three for [`StateLayout::Height`], [`StateLayout::Isotropic`] and
+    /// [`StateLayout::Normal`]; ten times that for every equation of [`StateLayout::Full`]. Neighbours hear of it at the next
+    /// [`Self::reconcile`].
+    ///
+    /// # Errors
+    /// `Input` for numbers that are not finite, negative variances, directions that are no unit vectors; `Undetermined` where the
+    /// surface has no tangent plane for a normal, or the reading has no noise where there is no doubt left; `Unsupported` for readings
+    /// along a direction in an isotropic filter, and for positions in one along normals.
+    pub fn observe(&mut self, reading: &SurfaceReading) -> Result<PatchUpdate> {
+        self.observe_within(reading, f64::INFINITY)
+    }
+
+    /// [`Self::observe`], but a reading of which a number is more than `gate` standard deviations from what is expected is left out and
+    /// counted as far. Where more than a quarter of the readings of a cell are far they are no gross errors but shape that the patch does not
+    /// have: they are then taken in with as much doubt as they are far, and the criteria will have the patch divided.
+    ///
+    /// # Errors
+    /// As for [`Self::observe`].
+    pub fn observe_within(&mut self, reading: &SurfaceReading, gate: f64) -> Result<PatchUpdate> {
+        let [u, v] = reading.parameters();
+        if !(u.is_finite() && v.is_finite()) {
+            return Err(Error::input("a reading's parameters are not finite"));
+        }
+        let (leaf, local) = self.quadtree.space.locate(u, v);
+        let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
+        let place = Place {
+            patch: patch as usize,
+            cell: usize::from(cell),
+            local,
+            side: self.quadtree.space.leaves()[leaf].side(),
+        };
+        let mut scalars = std::mem::take(&mut self.scalars);
+        let count = self.scalar_rows(reading, place, &mut scalars);
+        let taken = count.and_then(|count| self.take(place, &mut scalars[..count], gate));
+        self.scalars = scalars;
+        taken
+    }
+
+    fn take(&mut self, place: Place, scalars: &mut [ScalarReading], gate: f64) -> Result<PatchUpdate> {
+        let mut update = PatchUpdate {
+            patch: self.quadtree.patches[place.patch],
+            equations: scalars.iter().map(|s| s.numbers).sum(),
+            normalized_squared: 0.0,
+            within_gate: true,
+        };
+        let member = &mut self.members[place.patch];
+        let far = if gate.is_finite() {
+            farthest(member, scalars, gate)
+        } else {
+            None
+        };
+        if let Some(square) = far {
+            update.within_gate = false;
+            let sum = &mut member.innovations[place.cell];
+            sum.far += update.equations as u64;
+            if !sum.far_is_shape() {
+                return Ok(update);
+            }
+            for scalar in scalars.iter_mut() {
+                scalar.variance += square;
+            }
+        }
+        if member.before.is_none() {
+            member.before = Some(member.belief.clone());
+        }
+        for scalar in scalars.iter() {
+            update.normalized_squared += filtered(member, scalar, &mut self.workspace)?;
+        }
+        if update.within_gate {
+            let sum = &mut member.innovations[place.cell];
+            sum.count += update.equations as u64;
+            sum.normalized_squared += update.normalized_squared;
+        }
+        self.readings += 1;
+        Ok(update)
+    }
+
+    /// The rows of a reading, written to `out`; how many.
+    fn scalar_rows(&self, reading: &SurfaceReading, place: Place, out: &mut [ScalarReading; 3]) -> Result<usize> {
+        let Place {
+            patch,
+            cell,
+            local,
+            side,
+        } = place;
+        let (layout, member) = (self.options.layout, &self.members[patch]);
+        let there = if self.options.linearize_at_initial {
+            std::array::from_fn(|k| member.initial[vertex_of(cell, k)])
+        } else {
+            self.cell_coefficients(patch, cell)
+        };
+        let jet = || jet_of(&there, 1.0 / side, local[0], local[1]);
+        let detail = self.detail_variance[usize::from(self.quadtree.patches[patch].depth)];
+        let at = |k: usize| vertex_of(cell, k) as u16;
+        let mut count = 0;
+        let mut add =
+            |value: [f64; 3], variance: f64, numbers: usize, entries: &mut dyn Iterator<Item = (u16, f64)>| {
+                let to = &mut out[count];
+                to.row.clear();
+                to.row.extend(entries);
+                (to.value, to.variance, to.numbers) = (value, variance, numbers);
+                count += 1;
+            };
+        if layout == StateLayout::Normal {
+            let mut offsets = [None; 3];
+            reading.offsets(local, side, jet, &mut offsets)?;
+            for offset in offsets.iter().flatten() {
+                let value = [0, 1, 2].map(|d| {
+                    let there: f64 = offset.weights.iter().zip(&there).map(|(w, p)| w * p[d]).sum();
+                    there + offset.residual * offset.direction[d]
+                });
+                let variance = offset.variance + offset.sees_detail * detail;
+                add(value, variance, 1, &mut (0..16).map(|k| (at(k), offset.weights[k])));
+            }
+            return Ok(count);
+        }
+        let mut equations = [None; 3];
+        reading.equations(local, side, jet, &mut equations)?;
+        for equation in equations.iter().flatten() {
+            let variance = equation.variance + equation.sees_detail * detail;
+            match (layout, equation.what) {
+                (StateLayout::Height, EquationKind::Point(weights, p)) => {
+                    add([p[2], 0.0, 0.0], variance, 1, &mut (0..16).map(|k| (at(k), weights[k])));
+                }
+                (StateLayout::Isotropic, EquationKind::Point(weights, p)) => {
+                    add(p, variance, 3, &mut (0..16).map(|k| (at(k), weights[k])));
+                }
+                (StateLayout::Full, EquationKind::Point(weights, p)) => {
+                    for (d, z) in (0..3).zip(p) {
+                        let mut entries = (0..16).map(|k| (3 * at(k) + d, weights[k]));
+                        add([z, 0.0, 0.0], variance, 1, &mut entries);
+                    }
+                }
+                (StateLayout::Height, EquationKind::Form(form, mut value)) => {
+                    for (k, f) in form.iter().enumerate() {
+                        let known = member.initial[vertex_of(cell, k)];
+                        value -= f[0] * known[0] + f[1] * known[1];
+                    }
+                    add(
+                        [value, 0.0, 0.0],
+                        variance,
+                        1,
+                        &mut (0..16).map(|k| (at(k), form[k][2])),
+                    );
+                }
+                (StateLayout::Full, EquationKind::Form(form, value)) => {
+                    let mut entries = (0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f)));
+                    add([value, 0.0, 0.0], variance, 1, &mut entries);
+                }
+                (StateLayout::Isotropic, EquationKind::Form(..)) => {
+                    return Err(Error::unsupported(
+                        "a filter whose coordinates share one covariance takes positions with noise alike in all directions: use the full layout",
+                    ));
+                }
+                (StateLayout::Normal, _) => unreachable!("a filter along normals has rows of its own"),
+            }
+        }
+        Ok(count)
+    }
+
+    /// The foot point of `z` on the surface as it is known, by damped Newton from `(u, v)`: [`crate::Surface::project`] without a surface being
+    /// made. Every patch answers for its own cells.
+    #[must_use]
+    pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
+        let space = &self.quadtree.space;
+        let jet_at = |leaf: usize, [s, t]: [f64; 2]| {
+            let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
+            let coefficients = self.cell_coefficients(patch as usize, usize::from(cell));
+            jet_of(&coefficients, 1.0 / space.leaves()[leaf].side(), s, t)
+        };
+        project_onto(space, jet_at, z, start, options)
+    }
+}
+
+/// The square of the largest residual where one is more than `gate` standard deviations from what is expected.
+fn farthest(member: &Member, scalars: &[ScalarReading], gate: f64) -> Option<f64> {
+    let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
+    for scalar in scalars {
+        let expected = member.belief.mean_of(&scalar.row);
+        let variance = member.belief.variance_of(&scalar.row).max(0.0) + scalar.variance;
+        let residual = [0, 1, 2].map(|d| scalar.value[d] - expected[d]);
+        let columns = &residual[..member.belief.columns()];
+        // The three columns of one number are one vector along its direction.
+        let square = if scalar.numbers == 1 {
+            dot3(columns)
+        } else {
+            columns.iter().fold(0.0, |m: f64, r| m.max(r * r))
+        };
+        worst = worst.max(square / variance);
+        largest = largest.max(square);
+    }
+    (worst > gate * gate).then_some(largest)
+}
+
+fn dot3(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum()
+}
+
+/// Updates a patch by one row; the square of what was not expected over its variance, over all columns.
+fn filtered(member: &mut Member, scalar: &ScalarReading, workspace: &mut Workspace) -> Result<f64> {
+    let surprise = (member.belief).update(&scalar.row, scalar.value, scalar.variance, workspace)?;
+    Ok(dot(surprise.residual, surprise.residual) / surprise.variance)
+}
+
+#[cfg(test)]
+mod tests;
