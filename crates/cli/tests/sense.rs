@@ -170,7 +170,7 @@ fn mistakes_are_told_before_anything_is_written() {
         (
             "sense grid left.pgm --calib misspelt.toml -o p.ply",
             2,
-            "misspelt.toml: line 1",
+            "misspelt.toml: line 4",
         ),
         ("sense grid left.pgm -o p.ply", 2, "--calib"),
         (

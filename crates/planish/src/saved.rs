@@ -360,9 +360,10 @@ impl Tensors {
 
     /// What scans share, where any do.
     fn shared(&mut self, nodes: usize) -> Result<Option<SharedInformation>> {
-        let Some(width) = self.0.get(SHARED_CORNER).map(|t| t.shape.first().copied().unwrap_or(0)) else {
+        if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
             return Ok(None);
-        };
+        }
+        let width = (self.0.get(SHARED_CORNER)).map_or(0, |t| t.shape.first().copied().unwrap_or(0));
         let corner = self.f64(SHARED_CORNER, &[width])?;
         let coupling = self.f64(SHARED_COUPLING, &[width])?;
         if coupling.len() != nodes * width {

@@ -129,7 +129,7 @@ fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
         .chain(&made.t)
         .all(|c| c.is_finite());
     let [x, y, z] = made.k;
-    if !finite || !(x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
+    if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
             "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and finite R and t, found K = {:?}",
             made.k

@@ -231,6 +231,9 @@ pub(super) fn finish(
         ));
     }
     warnings.extend(fused.as_ref().and_then(Fused::warning));
+    if fused.is_some() && has_uncertain_pose(set) {
+        warnings.push("the patch filter takes poses as exact: their σ was not used".to_owned());
+    }
     let mut poses = pose_reports(set);
     if let Some(bordered) = covariance.shared() {
         for estimate in observations.shared.estimates(bordered, &stated)? {
@@ -428,6 +431,11 @@ fn judge(
         n,
         rms_normalised: (mean_square / kept_variance(gate)?).sqrt(),
     })
+}
+
+/// Whether any scan states how uncertain its pose is.
+pub(super) fn has_uncertain_pose(set: &ScanSet) -> bool {
+    (set.scans.iter()).any(|posed| posed.sigma_translation.is_some() || posed.sigma_rotation_deg.is_some())
 }
 
 /// The poses of all scans.

@@ -10,7 +10,7 @@
 
 mod readings;
 
-use super::finish::{pose_reports, warnings};
+use super::finish::{has_uncertain_pose, pose_reports, warnings};
 use super::noise::{ResidualSums, kept_variance};
 use super::observations::{Quantity, Rejection};
 use super::smoothing::{Smoothing, Totals, reference_surface};
@@ -20,7 +20,7 @@ use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceMod
 use crate::progress::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
-use planish_exchange::{PosedScan, ScanSet, Unit};
+use planish_exchange::{ScanSet, Unit};
 use planish_mesh::BoundingBox;
 use planish_spline::{Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
@@ -302,8 +302,7 @@ impl Solved {
             .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
         let mut warnings = warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
-        let uncertain = |posed: &PosedScan| posed.sigma_translation.is_some() || posed.sigma_rotation_deg.is_some();
-        if set.scans.iter().any(uncertain) {
+        if has_uncertain_pose(set) {
             warnings.push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
         }
         if let Some(share) = shape_left {

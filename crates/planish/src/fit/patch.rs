@@ -7,20 +7,20 @@
 //!
 //! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says nothing of finer detail.
 
-use super::engine::{Foot, FootState, project};
+use super::engine::{Foot, FootState, by_leaf, project};
 use super::noise::SensorNoise;
-use super::observations::{Measured, Observations, Rejection, hash01};
+use super::observations::{Measured, Observations, Quantity, Rejection, hash01};
 use super::refined::{Cause, RefinementLog};
 use super::stages::{Settled, extent_of, first_surface, grown, refine_to_noise, weights};
 use super::{Fit, FitOptions, finish, observation_options, observe};
-use crate::model::SurfaceModel;
+use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use crate::stream::{Core, Incoming, Rules, What};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{
     FootPointSearch, Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
-    Surface, SurfaceSystem, fit_function, patch_hierarchy,
+    Surface, SurfaceSystem, fit_function, leaf_weights, patch_hierarchy,
 };
 use std::sync::Arc;
 
@@ -259,6 +259,11 @@ pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     Ok(())
 }
 
+/// A surface is known whose variance is this share of a reading's.
+const KNOWN: f64 = 0.1;
+/// So many readings on what was measured before tell the noise of a later session.
+const ENOUGH_FOR_NOISE: usize = 200;
+
 /// Fits scans by the patch filter.
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let sheet = FitOptions {
@@ -309,6 +314,30 @@ pub(super) fn update_patches(
     let stated = SensorNoise::stated(observations);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.used);
     let degrees = vec![0.0; observations.stated.len()];
+    // Where the surface is known no better than a reading, residuals are shape that is not known, and no noise.
+    let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
+    let (start, order) = by_leaf(&feet, surface.space().leaves().len());
+    let (mut known, mut known_feet) = (Vec::new(), Vec::new());
+    for (leaf, _) in model.observed.iter().enumerate().filter(|(_, o)| o.is_measured()) {
+        let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
+        if own.is_empty() {
+            continue;
+        }
+        let cell = posterior.leaf(leaf)?;
+        for &k in own {
+            let foot = &feet[k as usize];
+            let of_surface = cell.variance_along(&leaf_weights(foot.local[0], foot.local[1]), foot.normal);
+            if foot.quantity != Quantity::Position || of_surface < KNOWN * foot.variance {
+                known.push(used[k as usize]);
+                known_feet.push(*foot);
+            }
+        }
+    }
+    let noise = if known.len() < ENOUGH_FOR_NOISE {
+        SensorNoise::estimate(observations, &used, &feet, options.gate, &degrees, true)?
+    } else {
+        SensorNoise::estimate(observations, &known, &known_feet, options.gate, &degrees, true)?
+    };
     let system = SurfaceSystem::new(surface.space())?;
     let nothing_yet = Settled {
         surface: surface.clone(),
@@ -316,7 +345,7 @@ pub(super) fn update_patches(
         system,
         subset: Vec::new(),
         feet: Vec::new(),
-        noise: SensorNoise::estimate(observations, &used, &feet, options.gate, &degrees, true)?,
+        noise,
         weight: model.smoothness_weight,
         at: Vec::new(),
         reached_limit: false,

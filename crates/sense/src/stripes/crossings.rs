@@ -342,7 +342,7 @@ fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
         t += (d[0] * u[1] - d[1] * u[0]) / determinant;
     }
     let image = a.at(s);
-    if !(apart(image, b.at(t)) < 1e-6) {
+    if apart(image, b.at(t)).is_nan() || apart(image, b.at(t)) >= 1e-6 {
         return None;
     }
     let (u, v) = (a.tangent(s), b.tangent(t));

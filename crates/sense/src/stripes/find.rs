@@ -106,7 +106,7 @@ pub struct GridReadings {
 ///
 /// `plain` is the same view without stripes: brightness is divided by its, so that the object's texture moves no stripe.
 ///
-/// Cost: some 50 ms for a picture of 640 × 480.
+/// Cost: some 0.7 s for a picture of 960 × 720.
 ///
 /// # Errors
 /// `Input` for a pattern, a scale or a σ that make no sense, and a plain picture of another size; `Undetermined` where no crossing can be told.

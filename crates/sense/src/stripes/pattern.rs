@@ -25,7 +25,7 @@ impl StripePattern {
     pub fn sanity_check(&self) -> Result<()> {
         let [a, b] = self.directions_rad;
         let crossing = (b - a).sin().abs().asin().to_degrees();
-        if !(crossing >= 10.0) {
+        if crossing.is_nan() || crossing < 10.0 {
             return Err(Error::input(format!(
                 "needed two sets of stripes that cross at 10° or more, found {crossing:.1}°"
             )));
