@@ -110,7 +110,10 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
     let ratio = today.report.sigma.median / all.report.sigma.median;
     // What was divided late knows its detail less well, what was divided less has less of it.
-    println!("{ratio:.2} times the σ of one session, {:?} held out", today.report.held_out);
+    println!(
+        "{ratio:.2} times the σ of one session, {:?} held out",
+        today.report.held_out
+    );
     assert!((0.5..1.4).contains(&ratio), "{ratio} times the σ of one session");
     let judged = today.report.held_out.rms_normalised;
     assert!(
