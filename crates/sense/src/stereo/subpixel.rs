@@ -30,12 +30,6 @@ const AT_REST: f32 = 0.02;
 const PILOT: usize = 5;
 /// Least squares may move a disparity by so many pixels.
 const MOST_MOVE: f32 = 1.0;
-/// Mean squared slope of brightness over the variance of the residuals, at least, and by how many standard deviations of that ratio more. Noise alone has 0.4 where nothing is
-/// seen: slopes between pixels have half its variance, residuals a little more than it.
-const LEAST_TEXTURE: f32 = 0.5;
-const TEXTURE_SIGMAS: f32 = 4.0;
-/// A window of fewer pixels on one surface tells nothing.
-const LEAST_MEMBERS: usize = 20;
 /// Residual variance of a small window is drawn to that of the image with so many pixels' weight.
 const SHRINKAGE: f32 = 5.0;
 
@@ -149,10 +143,6 @@ impl Window {
         let [start, along, across] = self.plane;
         let mut disparity = start;
         let (mut sigma, mut variance) = (0.0, 0.0);
-        if self.members.len() < LEAST_MEMBERS {
-            return None;
-        }
-        let least = LEAST_TEXTURE * (1.0 + TEXTURE_SIGMAS * (2.0 / self.members.len() as f32).sqrt());
         for _ in 0..STEPS {
             let mut sums = Sums::default();
             for &(dx, dy, w) in &self.members {
@@ -166,9 +156,6 @@ impl Window {
             let shrunk = noise.map_or(residual, |noise| {
                 (sums.weight * residual + SHRINKAGE * noise) / (sums.weight + SHRINKAGE)
             });
-            if information < least * residual * sums.weight {
-                return None;
-            }
             variance = residual;
             sigma = (shrunk * spread).sqrt() / information;
             disparity += step.clamp(-0.5, 0.5);
