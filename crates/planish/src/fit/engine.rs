@@ -1,6 +1,7 @@
 //! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
 
 use super::observations::{Measured, Observations, Quantity, Rejection};
+use super::shared::Linearized;
 use crate::point_sigmas::order_by_leaf;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
@@ -332,7 +333,13 @@ pub(super) fn normal_step(
     let mut step = gradient.clone();
     let (shared, shared_decrement) = if channels.with_shared && !channels.observations.shared.is_empty() {
         let errors = &channels.observations.shared;
-        let equations = errors.equations(system, surface, &directions, feet, information, channels);
+        let equations = errors.equations(&Linearized {
+            surface,
+            directions: &directions,
+            feet,
+            information,
+            channels,
+        });
         for (s, pull) in step.iter_mut().zip(&equations.pull) {
             *s += pull;
         }

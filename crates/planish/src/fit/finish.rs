@@ -8,6 +8,7 @@ use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
 use super::patch::Fused;
+use super::shared::Linearized;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
@@ -79,8 +80,13 @@ pub(super) fn finish(
     if !observations.shared.is_empty() {
         let channels = FootChannels::new(observations, &subset);
         let directions = system.node_normals(&model.surface);
-        let equations =
-            (observations.shared).equations(&system, &model.surface, &directions, &feet, &information, &channels);
+        let equations = observations.shared.equations(&Linearized {
+            surface: &model.surface,
+            directions: &directions,
+            feet: &feet,
+            information: &information,
+            channels: &channels,
+        });
         stated = equations.prior.clone();
         // Parts are samples of the whole: the others say of their scans what these do.
         let own = information.iter().filter(|&&w| w > 0.0).count().max(1) as f64;

@@ -547,16 +547,15 @@ impl Observations {
 
     /// Changes the shared unknowns by a step and moves the scans with them.
     pub(super) fn take_shared(&mut self, step: &[f64]) {
-        // Without any, the scans are not even counted.
-        if self.shared.is_empty() {
-            return;
-        }
         let motions = self.shared.take(step);
         self.move_scans(&motions);
     }
 
     /// Moves whole scans: their points, their normals, and how their sensors look.
     pub(super) fn move_scans(&mut self, motions: &[Option<Pose>]) {
+        if motions.iter().all(Option::is_none) {
+            return;
+        }
         (self.points.par_iter_mut().zip(&mut self.normals).zip(&self.scan))
             .with_min_len(4096)
             .for_each(|((point, normal), &scan)| {

@@ -22,7 +22,7 @@ use planish_estimate::vector3::{add, cross, distance, dot, norm, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{Pose, Viewing, ray_at};
-use planish_spline::{Surface, SurfaceSystem};
+use planish_spline::Surface;
 use rayon::prelude::*;
 
 /// Unknowns of one scan: a translation, a rotation, a bias.
@@ -287,6 +287,11 @@ impl SharedErrors {
         self.earlier.as_ref().map_or(0, EarlierShared::width)
     }
 
+    /// How many unknowns there are, those of earlier sessions first.
+    fn width(&self) -> usize {
+        self.earlier_width() + self.errors.iter().map(SharedError::width).sum::<usize>()
+    }
+
     /// What is to be taken off the height of a position: the bias as far as it lies along the normal.
     #[inline]
     pub(super) fn bias_along(&self, scan: u32, point: [f64; 3], normal: [f64; 3]) -> f64 {
@@ -356,42 +361,24 @@ impl SharedErrors {
             .collect()
     }
 
-    /// Information of the readings about the unknowns and their coupling with the vertices along `directions`, linearised where all of them are.
-    pub(super) fn equations(
-        &self,
-        system: &SurfaceSystem,
-        surface: &Surface,
-        directions: &[[f64; 3]],
-        feet: &[Foot],
-        information: &[f64],
-        channels: &FootChannels<'_>,
-    ) -> SharedEquations {
-        let nodes = system.space().node_count();
-        let own = self.readings(information, channels);
+    /// Information of the readings about the unknowns and their coupling with the vertices.
+    pub(super) fn equations(&self, at: &Linearized<'_>) -> SharedEquations {
+        let own = self.readings(at.information, at.channels);
         // Scan by scan: each has columns of its own.
         let parts: Vec<_> = (self.errors.par_iter().zip(&own))
-            .map(|(error, own)| error.equations(system, surface, directions, feet, information, channels, own))
+            .map(|(error, own)| error.equations(at, own))
             .collect();
-        let mut start = self.earlier_width();
-        let width = start + self.errors.iter().map(SharedError::width).sum::<usize>();
-        let mut made = SharedEquations {
-            coupling: vec![0.0; nodes * width],
-            corner: vec![0.0; width * width],
-            gradient: vec![0.0; width],
-            prior: vec![0.0; width * width],
-            pull: Vec::new(),
-        };
+        let (mut start, width) = (self.earlier_width(), self.width());
+        let mut made = SharedEquations::zeros(at.surface.space().node_count(), width);
         if let Some(earlier) = &self.earlier {
             let m = earlier.width();
             for (row, part) in (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
             {
                 row[..m].copy_from_slice(part);
             }
-            for (a, part) in earlier.information.corner.chunks_exact(m).enumerate() {
-                made.corner[a * width..][..m].copy_from_slice(part);
-                made.prior[a * width..][..m].copy_from_slice(part);
-            }
-            let (of_shared, of_vertices) = earlier.products(surface, directions);
+            put_block(&mut made.corner, width, 0, &earlier.information.corner, m);
+            put_block(&mut made.prior, width, 0, &earlier.information.corner, m);
+            let (of_shared, of_vertices) = earlier.products(at.surface, at.directions);
             for (g, product) in made.gradient.iter_mut().zip(of_shared) {
                 *g = -product;
             }
@@ -402,13 +389,9 @@ impl SharedErrors {
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
                 row[start..start + m].copy_from_slice(part);
             }
-            for a in 0..m {
-                for b in 0..m {
-                    made.corner[(start + a) * width + start + b] = part.corner[a * m + b];
-                    made.prior[(start + a) * width + start + b] = part.prior[a * m + b];
-                }
-                made.gradient[start + a] = part.gradient[a];
-            }
+            put_block(&mut made.corner, width, start, &part.corner, m);
+            put_block(&mut made.prior, width, start, &part.prior, m);
+            made.gradient[start..start + m].copy_from_slice(&part.gradient);
             start += m;
         }
         made
@@ -426,20 +409,15 @@ impl SharedErrors {
         information: &[f64],
         channels: &FootChannels<'_>,
     ) -> Result<Vec<f64>> {
-        let first = self.earlier_width();
-        let width = first + self.errors.iter().map(SharedError::width).sum::<usize>();
+        let (mut start, width) = (self.earlier_width(), self.width());
         let own = self.readings(information, channels);
         let parts: Vec<Vec<f64>> = (self.errors.par_iter().zip(&own))
             .map(|(error, own)| error.noise_information(posterior, feet, information, channels, own))
             .collect::<Result<_>>()?;
         let mut made = vec![0.0; width * width];
-        let mut start = first;
         for (error, part) in self.errors.iter().zip(parts) {
-            let m = error.width();
-            for (a, row) in part.chunks_exact(m).enumerate() {
-                made[(start + a) * width + start..][..m].copy_from_slice(row);
-            }
-            start += m;
+            put_block(&mut made, width, start, &part, error.width());
+            start += error.width();
         }
         Ok(made)
     }
@@ -560,7 +538,35 @@ pub(super) struct SharedEquations {
     pub pull: Vec<f64>,
 }
 
+/// Where readings are linearised: feet on a surface whose vertices move along `directions`, each with its information.
+#[derive(Clone, Copy)]
+pub(super) struct Linearized<'a> {
+    pub surface: &'a Surface,
+    pub directions: &'a [[f64; 3]],
+    pub feet: &'a [Foot],
+    pub information: &'a [f64],
+    pub channels: &'a FootChannels<'a>,
+}
+
+/// Writes a block of `m × m` on the diagonal of a matrix that is `width` wide.
+fn put_block(matrix: &mut [f64], width: usize, start: usize, block: &[f64], m: usize) {
+    for (a, row) in block.chunks_exact(m).enumerate() {
+        matrix[(start + a) * width + start..][..m].copy_from_slice(row);
+    }
+}
+
 impl SharedEquations {
+    /// Nothing said of so many unknowns.
+    fn zeros(nodes: usize, width: usize) -> Self {
+        Self {
+            coupling: vec![0.0; nodes * width],
+            corner: vec![0.0; width * width],
+            gradient: vec![0.0; width],
+            prior: vec![0.0; width * width],
+            pull: Vec::new(),
+        }
+    }
+
     /// As it goes into a model; readings like these were so many times as many.
     pub(super) fn into_information(mut self, factor: f64) -> SharedInformation {
         self.coupling.iter_mut().for_each(|c| *c *= factor);
@@ -614,24 +620,22 @@ impl SharedError {
         Ok(made)
     }
 
-    fn equations(
-        &self,
-        system: &SurfaceSystem,
-        surface: &Surface,
-        directions: &[[f64; 3]],
-        feet: &[Foot],
-        information: &[f64],
-        channels: &FootChannels<'_>,
-        own: &[u32],
-    ) -> SharedEquations {
-        let (space, m) = (system.space(), self.width());
+    /// [`SharedErrors::equations`] of one scan, by its readings `own`.
+    fn equations(&self, at: &Linearized<'_>, own: &[u32]) -> SharedEquations {
+        let Linearized {
+            surface,
+            directions,
+            feet,
+            information,
+            channels,
+        } = *at;
+        let (space, m) = (surface.space(), self.width());
         let (prior, gradient) = self.prior();
         let mut made = SharedEquations {
-            coupling: vec![0.0; space.node_count() * m],
             corner: prior.clone(),
             gradient,
             prior,
-            pull: Vec::new(),
+            ..SharedEquations::zeros(space.node_count(), m)
         };
         for &k in own {
             let (foot, w) = (&feet[k as usize], information[k as usize]);

@@ -93,6 +93,20 @@ impl ScanSceneOptions {
         SIZE_MM / self.unit.millimetres()
     }
 
+    /// True σ of the laser along its rays.
+    fn laser_sigma(&self) -> f64 {
+        self.sigma.unwrap_or(1e-3 * self.size())
+    }
+
+    /// True noise of the laser.
+    pub(super) fn laser(&self) -> Noise {
+        let sigma = self.laser_sigma();
+        Noise::Ray {
+            sigma_along: sigma,
+            sigma_across: 0.5 * sigma,
+        }
+    }
+
     pub(super) fn sanity_check(&self) -> Result<()> {
         if self.readings == 0 || (self.views == 0 && !self.old_scanner) {
             return Err(Error::input("needed at least one view and one reading, found none"));
@@ -228,11 +242,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
     options.sanity_check()?;
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
-    let sigma = options.sigma.unwrap_or(1e-3 * size);
-    let laser = Noise::Ray {
-        sigma_along: sigma,
-        sigma_across: 0.5 * sigma,
-    };
+    let (sigma, laser) = (options.laser_sigma(), options.laser());
     let old = Noise::Isotropic {
         sigma: OLD_SIGMA * sigma,
     };

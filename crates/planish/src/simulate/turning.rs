@@ -13,7 +13,7 @@ use crate::progress::{Part, Progress, Silent, WRITING_STAGE};
 use planish_estimate::vector3::{cross, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit, make_folder};
-use planish_sense::{Noise, Pose, SensorKind};
+use planish_sense::{Pose, SensorKind};
 use planish_spline::Shape;
 use std::path::Path;
 
@@ -90,11 +90,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let options = turning.as_scans()?;
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
-    let sigma = options.sigma.unwrap_or(1e-3 * size);
-    let noise = Noise::Ray {
-        sigma_along: sigma,
-        sigma_across: 0.5 * sigma,
-    };
+    let noise = options.laser();
     let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("a view without a direction"));
     let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
     let axis = direction(AXIS)?;

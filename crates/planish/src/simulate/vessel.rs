@@ -13,7 +13,7 @@ use crate::progress::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::unit;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit, make_folder};
-use planish_sense::{Noise, SensorKind};
+use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::Path;
 
@@ -83,11 +83,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         semi_axes: SEMI_AXES.map(|a| a * size),
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
-    let sigma = options.sigma.unwrap_or(1e-3 * size);
-    let noise = Noise::Ray {
-        sigma_along: sigma,
-        sigma_across: 0.5 * sigma,
-    };
+    let noise = options.laser();
     let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
     let pose = looking_from(&truth, from, 0.0, size)?;
     let optics: Optics = field_of_view(&truth, &pose, false);
