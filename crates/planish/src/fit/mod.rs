@@ -13,6 +13,7 @@ mod noise;
 mod observations;
 mod patch;
 mod refined;
+mod rough;
 mod shared;
 mod smoothing;
 mod stages;
