@@ -4,9 +4,10 @@
 //! multiplied from the right, `T = T̂ exp(δ)`. A scan at a known time is laid on the surface that the first scan made: the height of a reading `z` over
 //! it is `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]`, `p = T⁻¹z`; Gauss–Newton on these and the predicted pose is the iterated filter.
 //!
-//! The surface has errors of its own, which all scans share: as a rigid motion of the thing's frame they have about the covariance `B = N/N₀ H⁻¹`, where `H` is
-//! the information of `N` readings of a scan and the surface was made of `N₀`. What scans measure is the motion of the frame that is off by so much: the first
-//! pose is known to within `B` in it, and `B` is added to the covariance of every pose at the end.
+//! The surface has errors of its own, `e ~ N(0, Σ)` of its nodes along their normals, which all scans share. They move a pose by `P Aᵀe`, `A = Σ w a jᵀ` over the
+//! readings that met it (`a` their rows over the nodes, `j = ∂h/∂δ`, `P` the inverse of the pose's information). Readings count by `w = 1/(σ² + σ_S²)`, σ_S that of
+//! the surface where they met it, so the covariance of a pose is `P (Λ₀ + Σ w²σ² jjᵀ + AᵀΣA) P`, `Λ₀` the information of the prediction. To the velocity only what differs from scan to scan matters: for the filter the frame is off by `B = N/N₀ H⁻¹`, `H` the
+//! information of `N` readings of a scan and the surface made of `N₀`, and the first pose is known to within `B` in it.
 //!
 //! Positions are about the middle of the thing, so that turn and translation are nearly independent.
 //!
@@ -18,12 +19,13 @@
 use crate::fit::{Fit, Observations};
 use crate::model::Observed;
 use nalgebra::{Matrix6, SMatrix, Vector6};
+use planish_estimate::sparse::CholeskyFactor;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub};
 use planish_estimate::{Error, Result, gated_scale};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::Pose;
-use planish_spline::{FootPointSearch, ProjectionOptions, Surface};
+use planish_spline::{FootPointSearch, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -124,6 +126,11 @@ pub(crate) struct RigidTracker<'a> {
     /// Readings that made the surface, and the covariance of the thing's frame in it.
     made_of: f64,
     frame: Matrix6<f64>,
+    /// The factor of the surface's information along the normals of its nodes, and those.
+    factor: CholeskyFactor,
+    directions: Vec<[f64; 3]>,
+    /// The surface's variance along its normal in the middle of each leaf.
+    variances: Vec<f64>,
     duration: f64,
     /// The state: when, pose about the middle, twist, and the covariance of both.
     time: f64,
@@ -147,6 +154,19 @@ struct Reading {
     point: [f64; 3],
     normal: [f64; 3],
     variance: f64,
+}
+
+/// A reading that met the surface.
+struct Met {
+    leaf: usize,
+    local: [f64; 2],
+    normal: [f64; 3],
+    height: f64,
+    /// Of reading and surface, and of the reading alone.
+    variance: f64,
+    of_reading: f64,
+    /// How the height falls with the pose.
+    row: Vector6<f64>,
 }
 
 /// The sums of one step.
@@ -176,6 +196,18 @@ impl<'a> RigidTracker<'a> {
             .collect();
         let gap = (times.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 0.0)).fold(f64::INFINITY, f64::min);
         let size = bounds.diagonal();
+        let system = SurfaceSystem::new(surface.space())?;
+        let directions = system.node_normals(surface);
+        let mut known = system.contract(&first.model.data, &directions)?;
+        known.add_scaled(&system.contract(&first.model.prior, &directions)?, 1.0)?;
+        let posterior = first.posterior();
+        let variances = (0..surface.space().leaves().len())
+            .into_par_iter()
+            .map(|leaf| {
+                let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
+                Ok((posterior.leaf(leaf)?).variance_along(&leaf_weights(0.5, 0.5), normal))
+            })
+            .collect::<Result<Vec<f64>>>()?;
         let mut covariance = SMatrix::zeros();
         for k in 0..3 {
             covariance[(6 + k, 6 + k)] = gap.powi(-2);
@@ -189,6 +221,9 @@ impl<'a> RigidTracker<'a> {
             middle: bounds.center(),
             made_of: first.report.observations as f64,
             frame: Matrix6::zeros(),
+            factor: system.factorize_scalar(&known)?,
+            directions,
+            variances,
             duration: times[times.len() - 1] - times[0],
             time: times[0],
             pose: Pose::identity(),
@@ -273,7 +308,7 @@ impl<'a> RigidTracker<'a> {
         self.known.push(Known {
             scan,
             pose,
-            covariance: posterior + self.frame * scale_of_variance,
+            covariance: self.covariance_on_surface(&pose, &readings, scale_of_variance, &prior, &posterior)?,
             readings: met,
         });
         Ok(())
@@ -372,33 +407,6 @@ impl<'a> RigidTracker<'a> {
         gate: f64,
         scale_of_variance: f64,
     ) -> Step {
-        let thing_from_world = pose.inverse();
-        let readings: Vec<&Reading> = readings.collect();
-        let met: Vec<Option<(f64, f64, Vector6<f64>)>> = readings
-            .par_iter()
-            .with_min_len(64)
-            .map(|z| {
-                let p = thing_from_world.apply(z.point);
-                let facing = thing_from_world.rotate(z.normal);
-                let place = add(p, self.middle);
-                let start = self.search.nearest(place, facing);
-                let foot = self.surface.project(place, start, &ProjectionOptions::default());
-                let n = foot.normal;
-                if foot.at_border || !self.observed[foot.leaf as usize].is_measured() || dot(n, facing) < LEAST_COSINE {
-                    return None;
-                }
-                let variance = z.variance * scale_of_variance;
-                if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
-                    return None;
-                }
-                let turn = cross(p, n);
-                Some((
-                    foot.height,
-                    variance,
-                    Vector6::from([turn[0], turn[1], turn[2], n[0], n[1], n[2]]),
-                ))
-            })
-            .collect();
         let mut sums = Step {
             information: Matrix6::zeros(),
             gradient: Vector6::zeros(),
@@ -406,7 +414,11 @@ impl<'a> RigidTracker<'a> {
             score: 0.0,
             normalised: Vec::new(),
         };
-        for (height, variance, row) in met.into_iter().flatten() {
+        let readings: Vec<&Reading> = readings.collect();
+        for met in self.met(pose, &readings, gate, scale_of_variance) {
+            let Met {
+                height, variance, row, ..
+            } = met;
             sums.information += row * row.transpose() / variance;
             sums.gradient += row * (height / variance);
             sums.met += 1;
@@ -414,6 +426,73 @@ impl<'a> RigidTracker<'a> {
             sums.score += 1.0 - (height / gate.max(f64::MIN_POSITIVE)).powi(2).min(1.0);
         }
         sums
+    }
+
+    /// The readings that meet the surface, nearer than a gate or so many σ.
+    fn met(&self, pose: &Pose, readings: &[&Reading], gate: f64, scale_of_variance: f64) -> Vec<Met> {
+        let thing_from_world = pose.inverse();
+        let meet = |z: &&Reading| {
+            let p = thing_from_world.apply(z.point);
+            let facing = thing_from_world.rotate(z.normal);
+            let place = add(p, self.middle);
+            let start = self.search.nearest(place, facing);
+            let foot = self.surface.project(place, start, &ProjectionOptions::default());
+            let n = foot.normal;
+            let leaf = foot.leaf as usize;
+            if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < LEAST_COSINE {
+                return None;
+            }
+            let of_reading = z.variance * scale_of_variance;
+            let variance = of_reading + self.variances[leaf];
+            if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
+                return None;
+            }
+            let turn = cross(p, n);
+            Some(Met {
+                leaf,
+                local: foot.local,
+                normal: n,
+                height: foot.height,
+                variance,
+                of_reading,
+                row: Vector6::from([turn[0], turn[1], turn[2], n[0], n[1], n[2]]),
+            })
+        };
+        let met: Vec<Option<Met>> = readings.par_iter().with_min_len(64).map(meet).collect();
+        met.into_iter().flatten().collect()
+    }
+
+    /// The covariance of a pose, errors of the surface included.
+    fn covariance_on_surface(
+        &self,
+        pose: &Pose,
+        readings: &[Reading],
+        scale_of_variance: f64,
+        prior: &Matrix6<f64>,
+        inverse: &Matrix6<f64>,
+    ) -> Result<Matrix6<f64>> {
+        let space = self.surface.space();
+        let mut moved = vec![0.0; 6 * self.directions.len()];
+        let mut spread = *prior;
+        let readings: Vec<&Reading> = readings.iter().collect();
+        for met in self.met(pose, &readings, 0.0, scale_of_variance) {
+            spread += met.row * met.row.transpose() * (met.of_reading / (met.variance * met.variance));
+            let weights = leaf_weights(met.local[0], met.local[1]);
+            let (nodes, extraction) = space.extraction(met.leaf);
+            for (&node, e) in nodes.iter().zip(extraction) {
+                let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
+                let weight = weight * dot(met.normal, self.directions[node as usize]) / met.variance;
+                for (sum, j) in moved[6 * node as usize..][..6].iter_mut().zip(met.row.iter()) {
+                    *sum += weight * j;
+                }
+            }
+        }
+        let mut solved = moved.clone();
+        self.factor.solve_in_place(&mut solved)?;
+        for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {
+            spread += Vector6::from_row_slice(a) * Vector6::from_row_slice(b).transpose();
+        }
+        Ok(inverse * (0.5 * (spread + spread.transpose())) * inverse)
     }
 
     /// The pose of the thing in the world when a scan was taken.
