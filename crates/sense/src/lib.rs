@@ -11,6 +11,7 @@ mod sensor;
 mod stereo;
 mod stereo_camera;
 pub mod stripes;
+mod view_sensor;
 
 pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};
@@ -25,3 +26,4 @@ pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
 pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
 pub use stereo_camera::{StereoCamera, StereoPoints};
+pub use view_sensor::ViewSensor;
