@@ -435,7 +435,7 @@ pub struct SenseArgs {
 /// The sensors.
 #[derive(Debug, Subcommand)]
 pub enum Sensed {
-    /// Two rectified pictures, matched densely: points with covariance, or disparities with σ
+    /// Two pictures, matched densely: points with covariance, or disparities with σ
     Stereo(StereoArgs),
     /// A picture of crossed stripes from a projector: points, normals and curvatures, each with σ
     Grid(GridArgs),
@@ -452,6 +452,8 @@ Examples:
 
 Pictures are .png, .tif, .jpg, .tga, .pgm or .ppm, rectified: rows correspond, and x_right = x_left - d. The calibration is TOML: \
 f cx cy baseline (pixels, and the unit that it may name), and doffs and sigma_disparity_px where they are not 0. \
+Pictures of two cameras that stand anyhow are rectified first: their calibration has two [[view]] with K, R and t (x ~ K (R X + t)), and distortion = [k1, k2, p1, p2, k3] \
+where the lenses distort. Points are then in the frame of R and t, disparities those of the rectified pictures: about 0 where the axes meet, so look below 0, too (--disparities=-64..63). \
 A .tif or .npy holds the disparity of every pixel of the left picture and its σ, NaN where none is believed.";
 
 /// Arguments of `planish sense stereo`.

@@ -6,6 +6,7 @@ mod image;
 mod normals;
 mod photometric;
 mod pose;
+mod rectify;
 mod scan;
 mod sensor;
 mod stereo;
@@ -22,6 +23,7 @@ pub use normals::{
 };
 pub use photometric::{NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals};
 pub use pose::Pose;
+pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
 pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};

@@ -111,8 +111,9 @@ pub fn next_views(
     let before = figures(&places, &variances);
     let area: f64 = places.iter().map(|p| p.area).sum();
     let share = |seen: &[bool]| {
-        let of: f64 = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area).sum();
-        of / area
+        let of = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
+        // The sum of nothing is −0.
+        of.fold(0.0, |sum, a| sum + a) / area
     };
     let mut seen_so_far = vec![false; places.len()];
     let mut views: Vec<NextView> = Vec::new();
