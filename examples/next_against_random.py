@@ -94,7 +94,9 @@ def figure(runs):
     out.append(f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">')
     out.append(f'<rect width="{width}" height="{height}" fill="white"/>')
     for k, run in enumerate(runs):
-        path = lambda values: " ".join(f"{x(n):.1f},{y(s):.1f}" for n, s in enumerate(values, 1))
+        # One place a pixel: counts crowd at the right.
+        shown = sorted({round(x(n)): n for n in range(1, len(run["chosen"]) + 1)}.values())
+        path = lambda values: " ".join(f"{x(n):.1f},{y(values[n - 1]):.1f}" for n in shown)
         back = " ".join(reversed(path(run["p90"]).split()))
         out.append(f'<g transform="translate({left + k * (wide + gap)},{top})">')
         out.append(f'<text x="0" y="-10">freeform {run["seed"]}, {run["coefficients"]} coefficients</text>')
