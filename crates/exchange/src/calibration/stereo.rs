@@ -217,6 +217,7 @@ mod tests {
         let e = |text: &str| parse(text).unwrap_err().to_string();
         assert!(e(view).contains("two [[view]], found 1"));
         assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));
-        assert!(e(&text.replace("t = ", "T = ")).contains("line 6"));
+        let e = e(&text.replace("t = ", "T = "));
+        assert!(e.contains("line 7") && e.contains("two views need K"), "{e}");
     }
 }

@@ -1,7 +1,7 @@
 //! Pictures of cameras that converge, rectified and matched, against a rectified pair of the same thing.
 
 use super::render::{Exposure, Light, Texture};
-use planish_estimate::vector3::{cross, norm, scale, sub, unit};
+use planish_estimate::vector3::{cross, norm, sub, unit};
 use planish_mesh::{MeshSearch, icosphere};
 use planish_sense::stripes::Pinhole;
 use planish_sense::{
@@ -105,5 +105,4 @@ fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
         5 * count > 4 * level_count && median < 1.3 * level_median && median < 0.05,
         "{count} of {level_count}: {median} {level_median}"
     );
-    assert_eq!(scale(1.0, made.world_from_rectified().translation), places[0]);
 }
