@@ -207,7 +207,8 @@ fn two_views_become_points_in_the_frame_of_their_calibration() {
         of(&views).as_f64().expect("a number") / of(&level).as_f64().expect("a number")
     };
     let (n, sigma) = (share(|v| &v["observations"]), share(|v| &v["sigma"]["median"]));
-    assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.01, "{n} {sigma}");
+    // Disparities that end beside the right picture are left out of two views: the worst of few.
+    assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.05, "{n} {sigma}");
     let x = |file: &str| {
         let info = planish(folder.path(), &["info", file, "--json"]).ok().json();
         info["box"]["min"][0]
