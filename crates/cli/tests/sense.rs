@@ -211,7 +211,7 @@ fn two_views_become_points_in_the_frame_of_their_calibration() {
     assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.05, "{n} {sigma}");
     let x = |file: &str| {
         let info = planish(folder.path(), &["info", file, "--json"]).ok().json();
-        info["box"]["min"][0]
+        info["box"]["max"][0]
             .as_f64()
             .or(info["box"][0][0].as_f64())
             .expect("a corner")
