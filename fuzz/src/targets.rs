@@ -7,7 +7,7 @@ use crate::valid;
 use planish::info::info;
 use planish::saved::{load_with_provenance, save};
 use planish_estimate::Result;
-use planish_exchange::calibration::{read_grid_calibration, read_lights, read_stereo_calibration};
+use planish_exchange::calibration::{read_grid_calibration, read_lights, read_stereo_calibration, read_view_sensor};
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
@@ -60,6 +60,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "tga",      file: "p.tga",     valid: valid::tgas,       words: &[],  mend: as_it_is,   read: picture },
     Target { name: "pgm",      file: "p.pgm",     valid: valid::pgms,       words: PGM,  mend: as_it_is,   read: picture },
     Target { name: "stereo",   file: "s.toml",    valid: valid::stereos,    words: CAMERA, mend: as_it_is, read: stereo_calibration },
+    Target { name: "view",     file: "v.toml",    valid: valid::views,      words: CAMERA, mend: as_it_is, read: view_sensor },
     Target { name: "grid",     file: "g.toml",    valid: valid::grids,      words: GRID, mend: as_it_is, read: grid_calibration },
     Target { name: "lights",   file: "l.toml",    valid: valid::lights,     words: LIGHTS, mend: as_it_is, read: lights },
     Target { name: "planish",  file: "a.planish", valid: valid::models,     words: JSON, mend: safetensors, read: model_and_back },
@@ -373,6 +374,10 @@ fn picture(path: &Path) -> Result<()> {
 
 fn stereo_calibration(path: &Path) -> Result<()> {
     read_stereo_calibration(path).map(drop)
+}
+
+fn view_sensor(path: &Path) -> Result<()> {
+    read_view_sensor(path).map(drop)
 }
 
 fn grid_calibration(path: &Path) -> Result<()> {

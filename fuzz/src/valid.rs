@@ -523,6 +523,16 @@ pub fn stereos() -> Result<Vec<Vec<u8>>> {
     Ok(vec![
         full.as_bytes().to_vec(),
         b"f = 500.0\ncx = 2\ncy = 1\nbaseline = 0.06\n".to_vec(),
+        b"[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\ndistortion = [-0.2, 0.05, 1e-3, -2e-3, 0.0]\n[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\nt = [-150.0, 0.0, 20.0]\n".to_vec(),
+    ])
+}
+
+/// Range sensors with a field of view.
+pub fn views() -> Result<Vec<Vec<u8>>> {
+    let ranges = "near = 200\nfar = 800.0\nsigma_along = 0.05\n";
+    Ok(vec![
+        format!("unit = \"mm\"\nfov_deg = [40, 30]\nrays = [640, 480]\nmax_incidence_deg = 50\nsigma_over_cos = true\n{ranges}").into_bytes(),
+        format!("fx = 500\nfy = 500\ncx = 2\ncy = 1\nsize = [5, 3]\nsigma_across = 0.1\nsigma_per_range2 = 1e-7\n{ranges}").into_bytes(),
     ])
 }
 

@@ -370,9 +370,20 @@ Examples:
   planish fit examples/data/pebble/job.toml -o pebble.planish
   planish next pebble.planish --count 12 --sigma 0.004mm -o next.csv
   planish next pebble.planish --goal 0.02mm --count 200
+  planish next pebble.planish --views 3 --sensor examples/data/camera.toml -o views.toml
 
 Points are chosen one after the other, each the best once those before it are measured. What a reading will do to σ does not depend
-on what it will say, so nothing need be measured to know it.";
+on what it will say, so nothing need be measured to know it.
+
+With --views, poses of a range sensor are chosen in the same way, each with all the readings that it would take from there: in its field of view and range, under no
+more than its largest incidence, with nothing of the model in between. The outer side of a surface is the one to which its normals point. A sensor's file:
+
+  unit = \"mm\"
+  fov_deg = [40, 30]          # or fx fy cx cy and size = [width, height]
+  rays = [320, 240]
+  near = 200
+  far = 800
+  sigma_along = 0.05          # of ranges; and, if you like, sigma_across, sigma_per_range2, sigma_over_cos, max_incidence_deg (60)";
 
 /// Arguments of `planish next`.
 #[derive(Debug, Args)]
@@ -381,7 +392,7 @@ pub struct NextArgs {
     /// A saved model
     #[arg(value_name = "MODEL.planish", value_hint = ValueHint::FilePath)]
     pub model: PathBuf,
-    /// Write the points, with normals and σ before and after: .csv or .ply (repeatable)
+    /// Write the points, with normals and σ before and after: .csv or .ply; or the poses: .toml (scans of a job), .csv or .ply (repeatable)
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// No more points than this
@@ -390,6 +401,15 @@ pub struct NextArgs {
     /// σ of the readings to come, as a length [default: that of the model's best sensor]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub sigma: Option<Length>,
+    /// Judge so many sets of points drawn at random beside the chosen ones
+    #[arg(long, value_name = "DRAWS", default_value_t = 0, value_parser = whole, allow_negative_numbers = true, hide_default_value = true)]
+    pub against_random: usize,
+    /// Propose no more than so many poses of a sensor, instead of points
+    #[arg(long, value_name = "N", value_parser = whole, allow_negative_numbers = true, requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"])]
+    pub views: Option<usize>,
+    /// The sensor's field of view, range and σ, for --views
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, requires = "views")]
+    pub sensor: Option<PathBuf>,
     /// Stop where no σ of the region is larger, as a length
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub goal: Option<Length>,
@@ -418,7 +438,7 @@ pub struct SenseArgs {
 /// The sensors.
 #[derive(Debug, Subcommand)]
 pub enum Sensed {
-    /// Two rectified pictures, matched densely: points with covariance, or disparities with σ
+    /// Two pictures, matched densely: points with covariance, or disparities with σ
     Stereo(StereoArgs),
     /// A picture of crossed stripes from a projector: points, normals and curvatures, each with σ
     Grid(GridArgs),
@@ -435,6 +455,8 @@ Examples:
 
 Pictures are .png, .tif, .jpg, .tga, .pgm or .ppm, rectified: rows correspond, and x_right = x_left - d. The calibration is TOML: \
 f cx cy baseline (pixels, and the unit that it may name), and doffs and sigma_disparity_px where they are not 0. \
+Pictures of two cameras that stand anyhow are rectified first: their calibration has two [[view]] with K, R and t (x ~ K (R X + t)), and distortion = [k1, k2, p1, p2, k3] \
+where the lenses distort. Points are then in the frame of R and t, disparities those of the rectified pictures: about 0 where the axes meet, so look below 0, too (--disparities=-64..63). \
 A .tif or .npy holds the disparity of every pixel of the left picture and its σ, NaN where none is believed.";
 
 /// Arguments of `planish sense stereo`.

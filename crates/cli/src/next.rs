@@ -1,67 +1,149 @@
 //! `planish next`.
 
 use crate::args::NextArgs;
-use crate::numbers::{count, significant};
+use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::Result;
-use planish::next::{NextJob, NextJobReport, NextOptions, Objective, next_files};
+use planish::next::{
+    Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, next_files,
+    next_view_files,
+};
 use planish::progress::Progress;
 use serde::Serialize;
+use std::path::{Path, PathBuf};
 
 /// The keys of `next` beside the common ones.
 #[derive(Serialize)]
-struct Body {
+struct Body<R: Serialize> {
     #[serde(flatten)]
-    report: NextJobReport,
+    report: R,
     warnings: Vec<String>,
     termination: &'static str,
 }
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &NextArgs) -> u8 {
-    report::run("next", &args.common, |progress| work(args, progress))
+    match (args.views, &args.sensor) {
+        (Some(views), Some(sensor)) => report::run("next", &args.common, |progress| {
+            choose_views(args, views, sensor, progress)
+        }),
+        _ => report::run("next", &args.common, |progress| choose_points(args, progress)),
+    }
 }
 
-fn work(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+fn options(args: &NextArgs) -> NextOptions {
+    NextOptions {
+        count: args.views.unwrap_or(args.count),
+        region: args.region,
+        measured_only: args.measured_only,
+        objective: if args.mean { Objective::Mean } else { Objective::Worst },
+        against_random: args.against_random,
+        seed: args.common.seed,
+        ..NextOptions::default()
+    }
+}
+
+fn termination(reached_goal: Option<bool>) -> &'static str {
+    match reached_goal {
+        Some(true) => "reached_tolerance",
+        Some(false) => "limit",
+        None => "converged",
+    }
+}
+
+fn summary<R: Serialize>(
+    args: &NextArgs,
+    inputs: Vec<PathBuf>,
+    text: String,
+    unit: planish::Unit,
+    body: Body<R>,
+) -> Summary<Body<R>> {
+    Summary {
+        text,
+        unit: Some(unit),
+        inputs,
+        outputs: args.output.clone(),
+        warnings: body.warnings.clone(),
+        body,
+    }
+}
+
+fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Body<NextJobReport>>> {
     let job = NextJob {
         model: args.model.clone(),
-        options: NextOptions {
-            count: args.count,
-            region: args.region,
-            measured_only: args.measured_only,
-            objective: if args.mean { Objective::Mean } else { Objective::Worst },
-            ..NextOptions::default()
-        },
+        options: options(args),
         sigma: args.sigma,
         goal: args.goal,
         outputs: args.output.clone(),
     };
     let report = next_files(&job, progress)?;
-    let missed = report.next.reached_goal == Some(false);
-    let warnings = if missed {
-        vec![format!(
+    let mut warnings = Vec::new();
+    if report.next.reached_goal == Some(false) {
+        warnings.push(format!(
             "{} points do not reach the goal: raise --count, or measure with a smaller σ",
             report.next.points.len()
-        )]
-    } else {
-        Vec::new()
+        ));
+    }
+    let body = Body {
+        termination: termination(report.next.reached_goal),
+        warnings,
+        report,
     };
-    Ok(Summary {
-        text: text(&report),
-        unit: Some(report.unit),
-        inputs: vec![args.model.clone()],
+    let (text, unit) = (text(&body.report), body.report.unit);
+    Ok(summary(args, vec![args.model.clone()], text, unit, body))
+}
+
+fn choose_views(
+    args: &NextArgs,
+    views: usize,
+    sensor: &Path,
+    progress: &dyn Progress,
+) -> Result<Summary<Body<NextViewsJobReport>>> {
+    let job = NextViewsJob {
+        model: args.model.clone(),
+        sensor: sensor.to_owned(),
+        options: options(args),
+        goal: args.goal,
         outputs: args.output.clone(),
-        warnings: warnings.clone(),
-        body: Body {
-            termination: match report.next.reached_goal {
-                Some(true) => "reached_tolerance",
-                Some(false) => "limit",
-                None => "converged",
-            },
-            report,
-            warnings,
-        },
-    })
+    };
+    let report = next_view_files(&job, progress)?;
+    let found = report.next.views.len();
+    let mut warnings = Vec::new();
+    if report.next.reached_goal == Some(false) {
+        warnings.push(format!(
+            "{} do not reach the goal: raise --views, or measure with a better sensor",
+            counted(found, "view")
+        ));
+    }
+    if found < views && report.next.reached_goal != Some(true) {
+        warnings.push(format!(
+            "{} of {views}: no further view would lower σ",
+            counted(found, "view")
+        ));
+    }
+    let body = Body {
+        termination: termination(report.next.reached_goal),
+        warnings,
+        report,
+    };
+    let (text, unit) = (text_of_views(&body.report), body.report.unit);
+    Ok(summary(
+        args,
+        vec![args.model.clone(), sensor.to_owned()],
+        text,
+        unit,
+        body,
+    ))
+}
+
+fn changes(lines: &mut Lines, worst: Change, mean: Change) {
+    for (name, change) in [("Largest σ", worst), ("Mean σ", mean)] {
+        lines.line(format!(
+            "{name}: {} before, {} after.",
+            significant(change.before, 3),
+            significant(change.after, 3)
+        ));
+    }
 }
 
 fn text(report: &NextJobReport) -> String {
@@ -98,11 +180,68 @@ fn text(report: &NextJobReport) -> String {
         &rows,
     );
     lines.gap();
-    for (name, change) in [("Largest σ", next.worst_sigma), ("Mean σ", next.mean_sigma)] {
+    changes(&mut lines, next.worst_sigma, next.mean_sigma);
+    if let Some(random) = &next.random
+        && let Some(median) = random.worst_sigma_median.last()
+    {
         lines.line(format!(
-            "{name}: {} before, {} after.",
-            significant(change.before, 3),
-            significant(change.after, 3)
+            "Of {} sets of as many points drawn at random, the median leaves a largest σ of {}.",
+            random.draws,
+            significant(*median, 3)
+        ));
+    }
+    lines.into_text()
+}
+
+fn text_of_views(report: &NextViewsJobReport) -> String {
+    let next = &report.next;
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "{} to take, best first, of {} poses that were compared. Lengths in {}.",
+        counted(next.views.len(), "view"),
+        count(next.candidates),
+        report.unit
+    ));
+    lines.gap();
+    let rows: Vec<Vec<String>> = (1..)
+        .zip(&next.views)
+        .map(|(k, v): (usize, _)| {
+            let mut row = vec![k.to_string()];
+            row.extend(v.translation.map(|x| significant(x, 5)));
+            row.extend([
+                v.quaternion_xyzw.map(|c| format!("{c:.4}")).join(" "),
+                count(v.readings),
+                percent(v.seen),
+                percent(v.seen_so_far),
+                significant(v.worst_sigma_after, 3),
+                significant(v.mean_sigma_after, 3),
+            ]);
+            row
+        })
+        .collect();
+    lines.table(
+        &[
+            ("", Align::Right),
+            ("x", Align::Right),
+            ("y", Align::Right),
+            ("z", Align::Right),
+            ("quaternion x y z w", Align::Left),
+            ("readings", Align::Right),
+            ("sees", Align::Right),
+            ("seen so far", Align::Right),
+            ("largest σ", Align::Right),
+            ("mean σ", Align::Right),
+        ],
+        &rows,
+    );
+    lines.gap();
+    changes(&mut lines, next.worst_sigma, next.mean_sigma);
+    if let Some(place) = &next.worst_unseen {
+        lines.line(format!(
+            "No pose sees {} of the area; σ there is up to {}, at {}.",
+            percent(next.unseen),
+            significant(place.sigma, 3),
+            place.position.map(|x| significant(x, 4)).join(" ")
         ));
     }
     lines.into_text()

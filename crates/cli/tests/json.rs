@@ -3,7 +3,7 @@
 mod support;
 
 use serde_json::Value;
-use support::{part_of_pebble, pebble, planish};
+use support::{part_of_pebble, pebble, planish, repository};
 
 const COMMON: [&str; 10] = [
     "command",
@@ -39,6 +39,51 @@ fn has_common(object: &Value, command: &str) {
     }
     let endings = ["converged", "reached_tolerance", "limit", "undetermined"];
     assert!(endings.contains(&object["termination"].as_str().unwrap_or_default()));
+}
+
+/// `next` on `p.planish`: the keys, and poses that `fit` reads as soon as scans are there.
+#[track_caller]
+fn proposes_points_and_views(folder: &std::path::Path) {
+    let run = |args: &[&str]| planish(folder, args).ok().json();
+    let next = run(&["next", "p.planish", "--count", "3", "--against-random", "5", "--json"]);
+    has_common(&next, "next");
+    let keys = ["position", "normal", "sigma_before", "sigma_after", "worst_sigma_after"];
+    has(&next["points"][2], &keys);
+    has(&next["worst_sigma"], &["before", "after"]);
+    has(&next["random"], &["draws", "worst_sigma_median"]);
+
+    let sensor = repository().join("examples/data/camera.toml").display().to_string();
+    let line = [
+        "next",
+        "p.planish",
+        "--views",
+        "2",
+        "--sensor",
+        &sensor,
+        "-o",
+        "views.toml",
+        "--json",
+    ];
+    let views = run(&line);
+    has_common(&views, "next");
+    let keys = [
+        "translation",
+        "quaternion_xyzw",
+        "readings",
+        "seen",
+        "worst_sigma_after",
+    ];
+    has(&views["views"][1], &keys);
+    has(&views, &["worst_sigma", "mean_sigma", "unseen", "candidates"]);
+    let after = |k: &str| views["worst_sigma"][k].as_f64().expect("a number");
+    assert!(after("after") < after("before"), "{views:#}");
+    for scan in ["view-1.ply", "view-2.ply"] {
+        std::fs::copy(pebble("laser-1.ply"), folder.join(scan)).expect("a copy");
+    }
+    let job = run(&["info", "views.toml", "--json"]);
+    assert_eq!(job["kind"], "scans", "{job:#}");
+    let alone = planish(folder, &["next", "p.planish", "--views", "2"]);
+    assert!(alone.code == 2 && alone.stderr.contains("--sensor"), "{}", alone.stderr);
 }
 
 #[test]
@@ -109,6 +154,8 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
     );
     assert_eq!(fit["outputs"], serde_json::json!(["p.planish"]));
     assert_eq!(fit["inputs"].as_array().map(Vec::len), Some(3), "the job and its scans");
+
+    proposes_points_and_views(folder.path());
 
     let compare = run(&["compare", "p.planish", &pebble("truth.ply"), "--json"]).json();
     has_common(&compare, "compare");

@@ -189,3 +189,42 @@ fn mistakes_are_told_before_anything_is_written() {
         assert_eq!(names(folder.path()), before, "{line}");
     }
 }
+
+#[test]
+fn two_views_become_points_in_the_frame_of_their_calibration() {
+    let folder = tempfile::tempdir().expect("a folder");
+    pair(folder.path());
+    // The same rectified pair, stated as two views, the first of which stands at (1000, 0, 0).
+    let view = "[[view]]\nK = [[400, 0, 47.5], [0, 400, 23.5], [0, 0, 1]]\n";
+    let text = format!("unit = \"mm\"\nsigma_disparity_px = 0.05\n{view}t = [-1000, 0, 0]\n{view}t = [-1070, 0, 0]\n");
+    std::fs::write(folder.path().join("views.toml"), &text).expect("a file");
+    let run = |calibration: &str, out: &str| {
+        let line = format!("sense stereo left.pgm right.pgm --calib {calibration} -o {out} --speckle 1 --json");
+        planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json()
+    };
+    let (level, views) = (run("cameras.toml", "a.ply"), run("views.toml", "b.ply"));
+    let share = |of: fn(&serde_json::Value) -> &serde_json::Value| {
+        of(&views).as_f64().expect("a number") / of(&level).as_f64().expect("a number")
+    };
+    let (n, sigma) = (share(|v| &v["observations"]), share(|v| &v["sigma"]["median"]));
+    // Disparities that end beside the right picture are left out of two views: the worst of few.
+    assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.05, "{n} {sigma}");
+    let x = |file: &str| {
+        let info = planish(folder.path(), &["info", file, "--json"]).ok().json();
+        info["box"]["max"][0]
+            .as_f64()
+            .or(info["box"][0][0].as_f64())
+            .expect("a corner")
+    };
+    assert!(
+        (x("b.ply") - x("a.ply") - 1000.0).abs() < 1e-3,
+        "{} {}",
+        x("a.ply"),
+        x("b.ply")
+    );
+    let behind = text.replace("[-1070, 0, 0]", "[-1000, 0, -70]");
+    std::fs::write(folder.path().join("views.toml"), behind).expect("a file");
+    let line = "sense stereo left.pgm right.pgm --calib views.toml -o c.ply";
+    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    assert!(said.code == 2 && said.stderr.contains("epipole"), "{}", said.stderr);
+}

@@ -13,17 +13,19 @@
 //! sigma_b = 0.0019
 //! ```
 //!
-//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`].
+//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`], [`read_view_sensor`].
 //!
-//! Not guaranteed: lenses are taken for undistorted.
+//! Not guaranteed: lenses are taken for undistorted, but for two views of stereo that state their distortion.
 
 mod grid;
 mod lights;
 mod stereo;
+mod view;
 
 pub use grid::{GridCalibration, read_grid_calibration};
 pub use lights::{LightSource, LightsCalibration, read_lights};
-pub use stereo::{StereoCalibration, read_stereo_calibration};
+pub use stereo::{StereoCalibration, StereoCameras, read_stereo_calibration};
+pub use view::{ViewCalibration, read_view_sensor};
 
 use std::path::Path;
 

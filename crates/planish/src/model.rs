@@ -2,7 +2,7 @@
 //!
 //! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
 
-use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
+use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};
 use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -290,13 +290,21 @@ impl SurfaceModel {
         let directions = system.node_normals(&self.surface);
         let mut total = system.contract(&self.data, &directions)?;
         total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
-        let factor = system.factorize_scalar(&total)?;
+        self.covariance_along(&system.factorize_scalar(&total)?, directions)
+    }
+
+    /// The covariance of vertices that move along one direction each, from the factor of their information, with what scans share.
+    pub(crate) fn covariance_along(
+        &self,
+        factor: &CholeskyFactor,
+        directions: Vec<[f64; 3]>,
+    ) -> Result<NodeCovariance> {
         let shared = match &self.shared {
             None => None,
-            Some(SharedInformation { coupling, corner }) => Some(Bordered::new(&factor, coupling, corner)?),
+            Some(SharedInformation { coupling, corner }) => Some(Bordered::new(factor, coupling, corner)?),
         };
         Ok(NodeCovariance::Nodes(WholeCovariance {
-            inverse: SelectedInverse::new(&factor),
+            inverse: SelectedInverse::new(factor),
             motion: Motion::Along(directions),
             shared: shared.map(|bordered| SharedRows {
                 rows: bordered.shared_rows(),

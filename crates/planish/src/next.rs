@@ -1,7 +1,7 @@
-//! Where to measure next: the points whose readings would make a model's σ smallest.
+//! Where to measure next: the points, or the poses of a sensor, whose readings would make a model's σ smallest.
 //!
-//! Comes in: a model and the σ of a sensor. Goes out: points on the surface, one after the other, each the best given those before it, with σ
-//! before and after. Nothing is fitted: what a reading would do to the covariance does not depend on what it says.
+//! Comes in: a model and the σ of a sensor, or a sensor with its field of view. Goes out: points on the surface ([`next_points`]), or poses around it
+//! ([`next_views`]), one after the other, each the best given those before it, with σ before and after. Nothing is fitted: what a reading would do to the covariance does not depend on what it says.
 //!
 //! A reading along the normal with variance `r` and row `a` changes the covariance of any two rows `p`, `q` by
 //! `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). Columns `Σa` are solved for once for every candidate and then kept up to date, so a step is
@@ -14,7 +14,7 @@ use crate::model::{Posterior, SurfaceModel};
 use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
 use crate::saved::load;
-use planish_estimate::sparse::CholeskyFactor;
+use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
@@ -26,8 +26,20 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Candidates at most: as many columns of the covariance are held in memory.
-const MOST_CANDIDATES: usize = 600;
+mod random;
+mod sight;
+mod view_files;
+mod views;
+
+pub use random::RandomDraws;
+pub use view_files::{NextViewsJob, NextViewsJobReport, next_view_files};
+pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
+
+use random::at_random;
+
+/// Candidates are as many as this many numbers of their columns of the covariance allow, but within these bounds.
+const COLUMN_NUMBERS: usize = 6_000_000;
+const MOST_CANDIDATES: [usize; 2] = [600, 4000];
 /// Right-hand sides that are solved together.
 const COLUMNS: usize = 16;
 /// The worst σ is made small by the mean of this power of the variances: the largest count for nearly all of it.
@@ -58,6 +70,10 @@ pub struct NextOptions {
     pub measured_only: bool,
     /// What is to become small.
     pub objective: Objective,
+    /// As many sets of points drawn at random are judged beside the chosen one.
+    pub against_random: usize,
+    /// Seed of these draws.
+    pub seed: u64,
 }
 
 impl Default for NextOptions {
@@ -69,6 +85,8 @@ impl Default for NextOptions {
             region: None,
             measured_only: false,
             objective: Objective::Worst,
+            against_random: 0,
+            seed: 0,
         }
     }
 }
@@ -84,6 +102,8 @@ pub struct NextPoint {
     pub sigma_before: f64,
     /// σ once this one is, too.
     pub sigma_after: f64,
+    /// The largest σ of the region once this one is measured.
+    pub worst_sigma_after: f64,
 }
 
 /// A figure before any point is measured and after all are.
@@ -108,6 +128,9 @@ pub struct NextReport {
     pub sigma: f64,
     /// Whether the goal is reached; none where there was none.
     pub reached_goal: Option<bool>,
+    /// What as many points do that are drawn at random, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub random: Option<RandomDraws>,
 }
 
 /// A place of the region: the middle of a leaf.
@@ -142,46 +165,36 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
     let sigma = options.sigma.or_else(|| best_sigma(model)).ok_or_else(|| {
         Error::input("needed the σ of the readings to come: the model knows of no sensor that measures positions")
     })?;
-    for (name, value) in [("σ", Some(sigma)), ("goal", options.goal)] {
-        if let Some(value) = value
-            && !(value > 0.0 && value.is_finite())
-        {
-            return Err(Error::input(format!("needed a {name} > 0, found {value}")));
-        }
-    }
-    if model.patches.is_some() {
-        return Err(Error::unsupported(
-            "the model is one of the patch filter, which does not know how far apart places vary together: needed one of `fit --filter global`",
-        ));
-    }
-    progress.check("equations", 0.05)?;
-    let system = SurfaceSystem::new(model.surface.space())?;
-    let directions = match model.measured_coordinates {
-        None => system.node_normals(&model.surface),
-        Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
-    };
-    let mut information = system.contract(&model.data, &directions)?;
-    information.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
+    check_lengths(&[("σ", Some(sigma)), ("goal", options.goal)])?;
+    let Prepared {
+        system,
+        directions,
+        information,
+        places,
+    } = Prepared::new(model, options, progress)?;
     let factor = system.factorize_scalar(&information)?;
     progress.check("covariance", 0.15)?;
-    let places = places(model, &directions, options);
-    if places.is_empty() {
-        return Err(Error::input("the region holds no part of the surface"));
-    }
-    let posterior = Posterior::new(&model.surface, Arc::new(model.covariance(&system)?));
-    let mut variances: Vec<f64> = (places.par_iter())
-        .with_min_len(64)
-        .map(|place| {
-            let cell = posterior.leaf(place.leaf)?;
-            Ok(cell.variance_along(&leaf_weights(0.5, 0.5), place.normal).max(0.0))
-        })
-        .collect::<Result<_>>()?;
-    let mut candidates = {
-        let nodes = model.surface.space().node_count();
-        columns(&factor, nodes, &places, chosen(&places, &variances), progress)?
-    };
-    let before = figures(&places, &variances);
+    let mut variances = variances_of(model, &factor, directions, &places)?;
+    let nodes = model.surface.space().node_count();
     let reading = sigma * sigma;
+    let random = match options.against_random {
+        0 => None,
+        draws => Some(at_random(
+            &factor, nodes, &places, &variances, reading, options, draws, progress,
+        )?),
+    };
+    let mut candidates = columns(
+        &factor,
+        nodes,
+        &places,
+        chosen(
+            &places,
+            &variances,
+            (COLUMN_NUMBERS / nodes).clamp(MOST_CANDIDATES[0], MOST_CANDIDATES[1]),
+        ),
+        progress,
+    )?;
+    let before = figures(&places, &variances);
     let mut points = Vec::new();
     let reached = |variances: &[f64]| options.goal.map(|goal| figures(&places, variances).0 <= goal);
     while points.len() < options.count && reached(&variances) != Some(true) {
@@ -221,6 +234,7 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
             normal: places[at].normal,
             sigma_before: (own - reading).max(0.0).sqrt(),
             sigma_after: variances[at].sqrt(),
+            worst_sigma_after: figures(&places, &variances).0,
         });
     }
     let after = figures(&places, &variances);
@@ -237,7 +251,74 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
         },
         sigma,
         reached_goal: reached(&variances),
+        random,
     })
+}
+
+/// Refuses the first length that is stated and not positive.
+fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
+    let wrong = |value: &Option<f64>| value.is_some_and(|v| !(v > 0.0 && v.is_finite()));
+    match lengths.iter().find(|(_, value)| wrong(value)) {
+        Some((name, value)) => Err(Error::input(format!(
+            "needed a {name} > 0, found {}",
+            value.unwrap_or(f64::NAN)
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// The equations of a model of which every vertex moves along one direction, and the places that count.
+struct Prepared {
+    system: SurfaceSystem,
+    directions: Vec<[f64; 3]>,
+    /// Of data and prior, one unknown a node.
+    information: BlockInformation,
+    places: Vec<Place>,
+}
+
+impl Prepared {
+    fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
+        if model.patches.is_some() {
+            return Err(Error::unsupported(
+                "the model is one of the patch filter, which does not know how far apart places vary together: needed one of `fit --filter global`",
+            ));
+        }
+        progress.check("equations", 0.05)?;
+        let system = SurfaceSystem::new(model.surface.space())?;
+        let directions = match model.measured_coordinates {
+            None => system.node_normals(&model.surface),
+            Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
+        };
+        let mut information = system.contract(&model.data, &directions)?;
+        information.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
+        let places = places(model, &directions, options);
+        if places.is_empty() {
+            return Err(Error::input("the region holds no part of the surface"));
+        }
+        Ok(Self {
+            system,
+            directions,
+            information,
+            places,
+        })
+    }
+}
+
+/// The variance along the normal of every place.
+fn variances_of(
+    model: &SurfaceModel,
+    factor: &CholeskyFactor,
+    directions: Vec<[f64; 3]>,
+    places: &[Place],
+) -> Result<Vec<f64>> {
+    let posterior = Posterior::new(&model.surface, Arc::new(model.covariance_along(factor, directions)?));
+    (places.par_iter())
+        .with_min_len(64)
+        .map(|place| {
+            let cell = posterior.leaf(place.leaf)?;
+            Ok(cell.variance_along(&leaf_weights(0.5, 0.5), place.normal).max(0.0))
+        })
+        .collect()
 }
 
 /// A length as a user states it: in a unit of its own, or in the model's.
@@ -409,14 +490,14 @@ fn places(model: &SurfaceModel, directions: &[[f64; 3]], options: &NextOptions) 
 }
 
 /// Which places are candidates: all of few; of many so many, the nearer to each other the larger σ is there, and the worst.
-fn chosen(places: &[Place], variances: &[f64]) -> Vec<usize> {
-    if places.len() <= MOST_CANDIDATES {
+fn chosen(places: &[Place], variances: &[f64], most: usize) -> Vec<usize> {
+    if places.len() <= most {
         return (0..places.len()).collect();
     }
     let weights: Vec<f64> = places.iter().zip(variances).map(|(p, v)| p.area * v).collect();
-    let step = weights.iter().sum::<f64>() / (MOST_CANDIDATES - 1) as f64;
+    let step = weights.iter().sum::<f64>() / (most - 1) as f64;
     let (mut sum, mut due) = (0.0, 0.5 * step);
-    let mut found: Vec<usize> = Vec::with_capacity(MOST_CANDIDATES);
+    let mut found: Vec<usize> = Vec::with_capacity(most);
     for (k, weight) in weights.iter().enumerate() {
         sum += weight;
         if sum >= due {
@@ -464,191 +545,4 @@ fn figures(places: &[Place], variances: &[f64]) -> (f64, f64) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fit::{FitOptions, fit};
-    use crate::progress::Silent;
-    use planish_estimate::vector3::{norm, sub};
-    use planish_exchange::{PosedScan, ScanSet};
-    use planish_sense::{Noise, Scan, Sensor};
-    use planish_spline::Shape;
-    use rand::{RngExt, SeedableRng, seq::index::sample};
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
-    /// A wavy sheet, one corner of which was read little.
-    fn model() -> SurfaceModel {
-        let mut random = ChaCha8Rng::seed_from_u64(4);
-        let points = (0..3_000).filter_map(|_| {
-            let (x, y): (f64, f64) = (4.0 * random.random::<f64>(), 3.0 * random.random::<f64>());
-            let noise: f64 = StandardNormal.sample(&mut random);
-            let seldom = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
-            (!seldom).then_some([x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise])
-        });
-        let scan = Scan {
-            name: "cloud".to_owned(),
-            points: points.collect(),
-            ..Scan::default()
-        };
-        let set = ScanSet {
-            sensors: vec![Sensor {
-                name: "laser".to_owned(),
-                noise: Some(Noise::Isotropic { sigma: 0.01 }),
-                ..Sensor::default()
-            }],
-            scans: vec![PosedScan {
-                scan,
-                sensor: 0,
-                sigma_translation: None,
-                sigma_rotation_deg: None,
-            }],
-            ..ScanSet::default()
-        };
-        let options = FitOptions {
-            shape: Some(Shape::Sheet),
-            ..FitOptions::default()
-        };
-        fit(&set, &options, &Silent).unwrap().model
-    }
-
-    #[test]
-    fn sigma_after_is_that_of_the_information_with_the_readings_added() {
-        let mut model = model();
-        let options = NextOptions {
-            count: 6,
-            sigma: Some(0.004),
-            ..NextOptions::default()
-        };
-        let report = next_points(&model, &options, &Silent).unwrap();
-        assert_eq!(report.points.len(), 6);
-        assert!(report.worst_sigma.after < 0.8 * report.worst_sigma.before, "{report:?}");
-        let system = SurfaceSystem::new(model.surface.space()).unwrap();
-        let at: Vec<usize> = (report.points.iter())
-            .map(|point| {
-                let same = |leaf: &usize| norm(sub(model.surface.leaf_point(*leaf, 0.5, 0.5), point.position)) < 1e-9;
-                (0..model.observed.len()).find(same).unwrap()
-            })
-            .collect();
-        let more = system
-            .accumulate(|leaf, cell| {
-                for point in at
-                    .iter()
-                    .zip(&report.points)
-                    .filter(|(l, _)| **l == leaf)
-                    .map(|(_, p)| p)
-                {
-                    cell.add_scalar(&leaf_weights(0.5, 0.5), point.normal, 0.0, 1.0 / (0.004 * 0.004));
-                }
-                at.contains(&leaf)
-            })
-            .unwrap();
-        model.data.add_scaled(&more, 1.0).unwrap();
-        let posterior = model.posterior().unwrap();
-        let after = figures(
-            &places(&model, &system.node_normals(&model.surface), &options),
-            &(0..model.observed.len())
-                .map(|leaf| {
-                    let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap();
-                    let cell = posterior.leaf(leaf).unwrap();
-                    cell.variance_along(&leaf_weights(0.5, 0.5), normal)
-                })
-                .collect::<Vec<f64>>(),
-        );
-        assert!(
-            (after.0 / report.worst_sigma.after - 1.0).abs() < 1e-6,
-            "{after:?} {report:?}"
-        );
-        assert!(
-            (after.1 / report.mean_sigma.after - 1.0).abs() < 1e-6,
-            "{after:?} {report:?}"
-        );
-    }
-
-    /// What so many readings leave where they are put at random.
-    fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
-        let system = SurfaceSystem::new(model.surface.space()).unwrap();
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let leaves = model.observed.len();
-        let at: Vec<usize> = sample(&mut random, leaves, count.min(leaves)).into_vec();
-        let mut drawn = model.clone();
-        let more = system.accumulate(|leaf, cell| {
-            let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
-            if at.contains(&leaf) {
-                cell.add_scalar(&leaf_weights(0.5, 0.5), normal, 0.0, 1.0 / (0.004 * 0.004));
-            }
-            at.contains(&leaf)
-        });
-        drawn.data.add_scaled(&more.unwrap(), 1.0).unwrap();
-        let posterior = drawn.posterior().unwrap();
-        (0..leaves)
-            .map(|leaf| {
-                let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap();
-                let cell = posterior.leaf(leaf).unwrap();
-                cell.variance_along(&leaf_weights(0.5, 0.5), normal)
-            })
-            .fold(0.0, f64::max)
-            .sqrt()
-    }
-
-    #[test]
-    fn chosen_points_do_what_twice_as_many_random_ones_do() {
-        let model = model();
-        let options = NextOptions {
-            count: 8,
-            sigma: Some(0.004),
-            ..NextOptions::default()
-        };
-        let chosen = next_points(&model, &options, &Silent).unwrap().worst_sigma.after;
-        let mut random: Vec<f64> = (0..15).map(|seed| at_random(&model, 16, seed)).collect();
-        random.sort_by(f64::total_cmp);
-        assert!(chosen < random[7], "{chosen} {random:?}");
-    }
-
-    #[test]
-    fn a_goal_stops_it_and_a_region_bounds_it() {
-        let model = model();
-        let options = NextOptions {
-            count: 500,
-            sigma: Some(0.004),
-            region: Some([[2.2, 1.7, -9.0], [3.8, 2.8, 9.0]]),
-            ..NextOptions::default()
-        };
-        let first = next_points(
-            &model,
-            &NextOptions {
-                count: 0,
-                ..options.clone()
-            },
-            &Silent,
-        )
-        .unwrap();
-        assert!(first.points.is_empty());
-        let goal = 0.6 * first.worst_sigma.before;
-        let report = next_points(
-            &model,
-            &NextOptions {
-                goal: Some(goal),
-                ..options.clone()
-            },
-            &Silent,
-        )
-        .unwrap();
-        assert_eq!(report.reached_goal, Some(true));
-        assert!(
-            report.worst_sigma.after <= goal && report.points.len() < 200,
-            "{}",
-            report.points.len()
-        );
-        assert!(
-            report
-                .points
-                .iter()
-                .all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7)
-        );
-        let nowhere = NextOptions {
-            region: Some([[50.0; 3], [60.0; 3]]),
-            ..options
-        };
-        assert!(next_points(&model, &nowhere, &Silent).is_err());
-    }
-}
+mod tests;

@@ -5,17 +5,19 @@
 //!
 //! | kind | comes in | goes out beside points (`.ply`) |
 //! |---|---|---|
-//! | stereo | two rectified pictures | disparities and their σ (`.tif`, `.npy`) |
+//! | stereo | two pictures, rectified or not | disparities and their σ (`.tif`, `.npy`) |
 //! | grid | a picture of crossed stripes | |
 //! | photometric | pictures under known lights, or a picture of normals | normals and their σ (`.tif`, `.npy`) |
 //! | depth | a depth image | |
 //!
-//! Not guaranteed: an undistorted lens; pictures are taken to be so.
+//! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose calibration states their distortion.
 
 use crate::output::{as_text, refuse_input_as_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
-use planish_exchange::calibration::{LightSource, read_grid_calibration, read_lights, read_stereo_calibration};
+use planish_exchange::calibration::{
+    LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights, read_stereo_calibration,
+};
 use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
@@ -23,8 +25,8 @@ use planish_exchange::raster::write_raster;
 use planish_exchange::{Unit, check_writable, extension, real_path};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
-    Image, PhotometricOptions, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball, match_stereo,
-    normals_from_colours, photometric_normals,
+    Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball,
+    match_stereo, normals_from_colours, photometric_normals,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -33,7 +35,7 @@ use std::path::{Path, PathBuf};
 /// What is to be sensed, from which files.
 #[derive(Debug, Clone)]
 pub enum SenseKind {
-    /// Two rectified pictures.
+    /// Two pictures; rectified, or with a calibration that says how both cameras stand.
     Stereo {
         /// The left one, whose pixels get points.
         left: PathBuf,
@@ -314,15 +316,40 @@ fn stereo(
     points: &StereoPoints,
     progress: &dyn Progress,
 ) -> Result<Sensed> {
-    let calibration = calibration.map(read_stereo_calibration).transpose()?;
-    let images = [read_brightness(left)?, read_brightness(right)?];
+    let known = calibration.map(read_stereo_calibration).transpose()?;
+    let mut images = [read_brightness(left)?, read_brightness(right)?];
     let blame = || format!("{}, {}", left.display(), right.display());
-    let map = match_stereo(&images[0], &images[1], options, &mut |share| {
+    let rectification = match &known {
+        Some(StereoCalibration {
+            cameras: StereoCameras::Views(rig),
+            ..
+        }) => {
+            progress.check("rectifying", 0.0)?;
+            let made = Rectification::new(rig, [0, 1].map(|k| [images[k].columns, images[k].rows]));
+            let made = made.map_err(|e| e.in_context(calibration.unwrap_or(left).display()))?;
+            images = [made.picture(0, &images[0])?, made.picture(1, &images[1])?];
+            Some(made)
+        }
+        _ => None,
+    };
+    let mut map = match_stereo(&images[0], &images[1], options, &mut |share| {
         progress.check("matching", share)
     })
     .map_err(|e| in_context(e, blame()))?;
-    let scan = calibration.map(|c| c.camera.scan(&map, points, "stereo")).transpose();
-    let scan = scan.map_err(|e| e.in_context(blame()))?;
+    let outside = rectification.as_ref().map_or(0, |r| r.without_outside(&mut map));
+    let scan = match (&rectification, &known) {
+        (Some(rectification), _) => Some(rectification.scan(&map, points, "stereo")),
+        (
+            None,
+            Some(StereoCalibration {
+                cameras: StereoCameras::Rectified(camera),
+                ..
+            }),
+        ) => Some(camera.scan(&map, points, "stereo")),
+        _ => None,
+    };
+    let scan = scan.transpose().map_err(|e| e.in_context(blame()))?;
+    let known_unit = known.and_then(|c| c.unit);
     let known: Vec<f64> = map
         .sigma
         .iter()
@@ -331,7 +358,7 @@ fn stereo(
         .collect();
     if known.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: no disparity is to be believed: are the pictures rectified, left before right, and the range of disparities wide enough?",
+            "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say how both cameras stand), left before right, and the range of disparities wide enough, also below 0?",
             blame()
         )));
     }
@@ -346,6 +373,7 @@ fn stereo(
         ("left_right", left_right),
         ("speckle", speckle),
         ("range", range),
+        ("outside", outside),
     ];
     Ok(Sensed {
         pixels: map.disparity.len(),
@@ -357,7 +385,7 @@ fn stereo(
             map.rows,
             vec![("disparity", map.disparity), ("sigma", map.sigma)],
         )),
-        unit: calibration.and_then(|c| c.unit),
+        unit: known_unit,
         scan,
         ..Sensed::default()
     })

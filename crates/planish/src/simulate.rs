@@ -29,6 +29,8 @@
 
 mod figure;
 mod form;
+#[cfg(test)]
+mod pair_tests;
 mod pictures;
 mod render;
 mod scans;

@@ -6,11 +6,13 @@ mod image;
 mod normals;
 mod photometric;
 mod pose;
+mod rectify;
 mod scan;
 mod sensor;
 mod stereo;
 mod stereo_camera;
 pub mod stripes;
+mod view_sensor;
 
 pub use depth_camera::DepthCamera;
 pub use ground::{Ground, GroundOptions, classify_ground};
@@ -21,7 +23,9 @@ pub use normals::{
 };
 pub use photometric::{NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals};
 pub use pose::Pose;
+pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};
 pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
 pub use stereo_camera::{StereoCamera, StereoPoints};
+pub use view_sensor::ViewSensor;

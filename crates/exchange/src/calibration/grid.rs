@@ -58,12 +58,12 @@ struct Table {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct View {
+pub(super) struct View {
     #[serde(rename = "K")]
-    k: [[f64; 3]; 3],
+    pub(super) k: [[f64; 3]; 3],
     #[serde(rename = "R")]
-    r: Option<[[f64; 3]; 3]>,
-    t: Option<[f64; 3]>,
+    pub(super) r: Option<[[f64; 3]; 3]>,
+    pub(super) t: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -115,7 +115,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
     })
 }
 
-fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
+pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let made = Pinhole {
         k: view.k,
         r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),

@@ -1,4 +1,4 @@
-//! Two rectified cameras.
+//! Two cameras: rectified ones, or two views that stand anyhow.
 //!
 //! ```toml
 //! unit = "mm"                 # of the baseline and of the points: mm, m, in or ft; may be left out
@@ -9,22 +9,47 @@
 //! doffs = 0.0                 # cx of the right camera less that of the left; 0 where it is left out
 //! sigma_disparity_px = 0.1    # σ that matching does not see, such as of the rectification; 0 where it is left out
 //! ```
+//!
+//! ```toml
+//! unit = "mm"                 # of lengths
+//! sigma_disparity_px = 0.1    # as above
+//!
+//! [[view]]                    # whose pixels get points; x ~ K (R X + t): x right, y down, pixel centres at integers
+//! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+//! distortion = [-0.2, 0.05, 0.001, -0.002, 0.0]   # k1 k2 p1 p2 k3; none where it is left out
+//!
+//! [[view]]                    # R and t may be left out of one: its frame then is the world's
+//! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+//! R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+//! t = [-150, 0, 20]
+//! ```
 
 use std::path::Path;
 
-use planish_estimate::Result;
-use planish_sense::StereoCamera;
+use planish_estimate::{Error, Result};
+use planish_sense::{LensCamera, StereoCamera, StereoRig};
 use serde::Deserialize;
 
+use super::grid::{View, pinhole};
 use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
 /// Two calibrated cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "one a job")]
+pub enum StereoCameras {
+    /// Whose pictures are rectified.
+    Rectified(StereoCamera),
+    /// Whose pictures are to be.
+    Views(StereoRig),
+}
+
+/// Two calibrated cameras, and their unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoCalibration {
     /// The cameras.
-    pub camera: StereoCamera,
+    pub cameras: StereoCameras,
     /// The unit of their lengths, where it is named.
     pub unit: Option<Unit>,
 }
@@ -43,7 +68,50 @@ struct Table {
     sigma_disparity_px: f64,
 }
 
-/// Reads the calibration of two rectified cameras.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewsTable {
+    unit: Option<String>,
+    #[serde(default)]
+    sigma_disparity_px: f64,
+    view: Vec<LensView>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LensView {
+    #[serde(rename = "K")]
+    k: [[f64; 3]; 3],
+    #[serde(rename = "R")]
+    r: Option<[[f64; 3]; 3]>,
+    t: Option<[f64; 3]>,
+    distortion: Option<Vec<f64>>,
+}
+
+impl LensView {
+    fn camera(&self, name: &str) -> Result<LensCamera> {
+        let view = View {
+            k: self.k,
+            r: self.r,
+            t: self.t,
+        };
+        let mut distortion = [0.0; 5];
+        if let Some(stated) = &self.distortion {
+            if !(4..=5).contains(&stated.len()) || stated.iter().any(|k| !k.is_finite()) {
+                return Err(Error::input(format!(
+                    "needed {name}.distortion = [k1, k2, p1, p2, k3] (k3 may be left out), found {stated:?}"
+                )));
+            }
+            distortion.iter_mut().zip(stated).for_each(|(to, from)| *to = *from);
+        }
+        Ok(LensCamera {
+            pinhole: pinhole(name, &view)?,
+            distortion,
+        })
+    }
+}
+
+/// Reads the calibration of two cameras.
 ///
 /// # Errors
 /// As [`read_calibration`](super::read_calibration).
@@ -53,9 +121,41 @@ pub fn read_stereo_calibration(path: &Path) -> Result<StereoCalibration> {
 }
 
 fn parse(text: &str) -> Result<StereoCalibration> {
+    let views = text.parse::<toml::Table>().is_ok_and(|t| t.contains_key("view"));
+    if views {
+        parse_views(text)
+    } else {
+        parse_rectified(text)
+    }
+}
+
+fn check_sigma(sigma: f64) -> Result<()> {
+    let needed = "a finite number that is not negative";
+    check_numbers(&[("sigma_disparity_px", sigma, sigma >= 0.0, needed)])
+}
+
+fn parse_views(text: &str) -> Result<StereoCalibration> {
+    let t: ViewsTable = table(
+        text,
+        "two views need K each, and may have R, t and distortion; beside them there may be sigma_disparity_px and unit",
+    )?;
+    check_sigma(t.sigma_disparity_px)?;
+    let [first, second] = t.view.as_slice() else {
+        return Err(Error::input(format!("needed two [[view]], found {}", t.view.len())));
+    };
+    Ok(StereoCalibration {
+        cameras: StereoCameras::Views(StereoRig {
+            cameras: [first.camera("the first view")?, second.camera("the second view")?],
+            sigma_disparity: t.sigma_disparity_px,
+        }),
+        unit: t.unit.map(|name| name.parse()).transpose()?,
+    })
+}
+
+fn parse_rectified(text: &str) -> Result<StereoCalibration> {
     let t: Table = table(
         text,
-        "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit",
+        "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; others need two [[view]] with K, R and t",
     )?;
     check_numbers(&[
         ("f", t.f, t.f > 0.0, "a finite number above 0"),
@@ -63,21 +163,16 @@ fn parse(text: &str) -> Result<StereoCalibration> {
         ("cy", t.cy, true, "a finite number"),
         ("baseline", t.baseline, t.baseline > 0.0, "a finite number above 0"),
         ("doffs", t.doffs, true, "a finite number"),
-        (
-            "sigma_disparity_px",
-            t.sigma_disparity_px,
-            t.sigma_disparity_px >= 0.0,
-            "a finite number that is not negative",
-        ),
     ])?;
+    check_sigma(t.sigma_disparity_px)?;
     Ok(StereoCalibration {
-        camera: StereoCamera {
+        cameras: StereoCameras::Rectified(StereoCamera {
             focal: t.f,
             center: [t.cx, t.cy],
             baseline: t.baseline,
             doffs: t.doffs,
             sigma_disparity: t.sigma_disparity_px,
-        },
+        }),
         unit: t.unit.map(|name| name.parse()).transpose()?,
     })
 }
@@ -90,8 +185,11 @@ mod tests {
     fn cameras_are_read_and_mistakes_are_named() {
         let text = "unit = \"mm\"\nf = 3740\ncx = 641\ncy = 555.0\nbaseline = 160\n";
         let found = parse(text).unwrap();
+        let StereoCameras::Rectified(camera) = found.cameras else {
+            panic!("{found:?}");
+        };
         assert_eq!(
-            (found.camera.focal, found.camera.doffs, found.unit),
+            (camera.focal, camera.doffs, found.unit),
             (3740.0, 0.0, Some(Unit::Millimetre))
         );
         let e = parse(&format!("{text}dofs = 2\n")).unwrap_err().to_string();
@@ -103,5 +201,23 @@ mod tests {
             e.contains("missing field `cx`") && e.contains("need f cx cy baseline"),
             "{e}"
         );
+    }
+
+    #[test]
+    fn two_views_are_read_with_their_lenses() {
+        let view = "[[view]]\nK = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]\n";
+        let text =
+            format!("sigma_disparity_px = 0.2\n{view}distortion = [-0.2, 0.1, 0.001, 0.002]\n{view}t = [-150, 0, 0]\n");
+        let StereoCameras::Views(rig) = parse(&text).unwrap().cameras else {
+            panic!("not two views");
+        };
+        assert_eq!(rig.cameras[0].distortion, [-0.2, 0.1, 0.001, 0.002, 0.0]);
+        assert_eq!((rig.cameras[1].distortion, rig.sigma_disparity), ([0.0; 5], 0.2));
+        assert_eq!(rig.cameras[1].pinhole.centre(), [150.0, 0.0, 0.0]);
+        let e = |text: &str| parse(text).unwrap_err().to_string();
+        assert!(e(view).contains("two [[view]], found 1"));
+        assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));
+        let e = e(&text.replace("t = ", "T = "));
+        assert!(e.contains("line 7") && e.contains("two views need K"), "{e}");
     }
 }

@@ -17,6 +17,7 @@
 use rayon::prelude::*;
 
 use crate::Image;
+use crate::image::cubic;
 
 /// Half the window, in pixels.
 const HALF: usize = 4;
@@ -226,26 +227,6 @@ impl Sums {
     }
 }
 
-/// The value and slope of a row at a place between pixels (Keys 1981, a = −1/2); none outside it.
-#[inline]
-fn cubic(row: &[f32], place: f32) -> Option<(f32, f32)> {
-    if !(place >= 0.0 && place <= (row.len() - 1) as f32) {
-        return None;
-    }
-    let k = (place as usize).min(row.len() - 2);
-    let t = place - k as f32;
-    let p = [
-        row[k.saturating_sub(1)],
-        row[k],
-        row[k + 1],
-        row[(k + 2).min(row.len() - 1)],
-    ];
-    let a = 0.5 * (3.0 * (p[1] - p[2]) + p[3] - p[0]);
-    let b = p[0] - 2.5 * p[1] + 2.0 * p[2] - 0.5 * p[3];
-    let c = 0.5 * (p[2] - p[0]);
-    Some((((a * t + b) * t + c) * t + p[1], (3.0 * a * t + 2.0 * b) * t + c))
-}
-
 /// Solves a symmetric system `[m00 m01 m02; m11 m12; m22] x = r`, given row by row as 00 01 02 11 12 22.
 fn solve(m: [f32; 6], r: [f32; 3]) -> [f32; 3] {
     let [a, b, c, d, e, f] = m;
@@ -262,17 +243,6 @@ fn solve(m: [f32; 6], r: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn cubics_follow_parabolas_and_their_slopes() {
-        let row: Vec<f32> = (0..12).map(|k| 0.5 * (k * k) as f32 - 3.0 * k as f32).collect();
-        for place in [2.0_f32, 4.25, 7.9] {
-            let (value, slope) = cubic(&row, place).unwrap();
-            assert!((value - (0.5 * place * place - 3.0 * place)).abs() < 1e-4);
-            assert!((slope - (place - 3.0)).abs() < 1e-4);
-        }
-        assert_eq!(cubic(&row, 11.1), None);
-    }
 
     #[test]
     fn the_small_system_is_solved() {

@@ -1,0 +1,111 @@
+//! Points drawn at random, to judge the chosen ones by.
+//!
+//! Comes in: the factor of a model's information, and its places. Goes out: the largest σ of the region after 1, 2, 3 … points of every draw. Points are leaf
+//! middles drawn by area, as often as they come up.
+
+use super::{NextOptions, Place, columns, figures};
+use crate::progress::{Part, Progress};
+use planish_estimate::Result;
+use planish_estimate::sparse::CholeskyFactor;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Draws whose columns are held in memory together.
+const TOGETHER: usize = 8;
+
+/// What points drawn at random do: one number for each count of points, from one on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RandomDraws {
+    /// How many sets were drawn.
+    pub draws: usize,
+    /// The median of the largest σ of the region.
+    pub worst_sigma_median: Vec<f64>,
+    /// What one draw of ten stays below.
+    pub worst_sigma_p10: Vec<f64>,
+    /// What nine draws of ten stay below.
+    pub worst_sigma_p90: Vec<f64>,
+}
+
+/// Draws sets of `options.count` places and judges every beginning of each.
+#[allow(clippy::too_many_arguments, reason = "the parts of one equation")]
+pub(super) fn at_random(
+    factor: &CholeskyFactor,
+    nodes: usize,
+    places: &[Place],
+    variances: &[f64],
+    reading: f64,
+    options: &NextOptions,
+    draws: usize,
+    progress: &dyn Progress,
+) -> Result<RandomDraws> {
+    let mut sums: Vec<f64> = Vec::with_capacity(places.len());
+    for place in places {
+        sums.push(sums.last().copied().unwrap_or(0.0) + place.area);
+    }
+    let area = sums.last().copied().unwrap_or(0.0);
+    let drawn = |draw: usize| -> Vec<usize> {
+        let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+        rng.set_stream(draw as u64);
+        (0..options.count)
+            .map(|_| {
+                let at = area * rng.random::<f64>();
+                sums.partition_point(|&s| s <= at).min(places.len() - 1)
+            })
+            .collect()
+    };
+    let part = Part::new(progress, 0.15, 0.2);
+    let mut worst: Vec<Vec<f64>> = Vec::with_capacity(draws);
+    for first in (0..draws).step_by(TOGETHER) {
+        part.check("random draws", first as f64 / draws as f64)?;
+        let together: Vec<usize> = (first..draws.min(first + TOGETHER)).collect();
+        let judged: Vec<Vec<f64>> = together
+            .into_par_iter()
+            .map(|draw| {
+                let at = drawn(draw);
+                let mut seen: Vec<Vec<f64>> = columns(factor, nodes, places, at.clone(), &crate::progress::Silent)?
+                    .iter()
+                    .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
+                    .collect();
+                Ok(one_by_one(places, variances, reading, &at, &mut seen))
+            })
+            .collect::<Result<_>>()?;
+        worst.extend(judged);
+    }
+    let quantile = |share: f64| -> Vec<f64> {
+        (0..options.count)
+            .map(|k| {
+                let mut all: Vec<f64> = worst.iter().map(|draw| draw[k]).collect();
+                all.sort_by(f64::total_cmp);
+                planish_mesh::quantile_of_sorted(&all, share)
+            })
+            .collect()
+    };
+    Ok(RandomDraws {
+        draws,
+        worst_sigma_median: quantile(0.5),
+        worst_sigma_p10: quantile(0.1),
+        worst_sigma_p90: quantile(0.9),
+    })
+}
+
+/// The largest σ after each reading: `seen[k]` is the covariance of every place with reading `k`, and is brought up to date.
+fn one_by_one(places: &[Place], variances: &[f64], reading: f64, at: &[usize], seen: &mut [Vec<f64>]) -> Vec<f64> {
+    let mut variances = variances.to_vec();
+    (0..at.len())
+        .map(|k| {
+            let (before, later) = seen.split_at_mut(k + 1);
+            let column = &before[k];
+            let own = column[at[k]] + reading;
+            for (variance, c) in variances.iter_mut().zip(column) {
+                *variance = (*variance - c * c / own).max(0.0);
+            }
+            for other in later {
+                let share = other[at[k]] / own;
+                other.iter_mut().zip(column).for_each(|(o, c)| *o -= share * c);
+            }
+            figures(places, &variances).0
+        })
+        .collect()
+}

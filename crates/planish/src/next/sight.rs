@@ -1,0 +1,239 @@
+//! What a sensor sees of a model from a pose.
+//!
+//! Comes in: a model and a sensor. Goes out: whether a place is seen, every reading of a pose, and the poses that can be taken up.
+//!
+//! A place is seen that lies in the field of view and in range, shows its outer side (where normals point) under no more than the largest incidence, and has
+//! nothing of the model before it. Rays are cast at a tessellation of the model.
+//!
+//! Not guaranteed: that there is room for the sensor beside what the model knows, such as over a table; that a pose can be rolled better about its axis.
+
+use super::Place;
+use crate::mesh_output::affordable_tolerance;
+use crate::model::SurfaceModel;
+use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_sense::{Pose, ViewSensor};
+use planish_spline::{FootPointSearch, ProjectionOptions, Surface, TessellationOptions, leaf_weights, tessellate};
+use rayon::prelude::*;
+
+/// The tessellation is this near to the surface, as a share of its diagonal, or as near as so many triangles allow.
+const CHORD: f64 = 1e-4;
+const MOST_TRIANGLES: u64 = 400_000;
+/// Rays that are cast from a pose at most; of more, each stands for several.
+const MOST_RAYS: usize = 1 << 20;
+/// Directions about a target.
+const DIRECTIONS: usize = 60;
+/// Distances to a target, each so many times the one before.
+const DISTANCES: usize = 4;
+/// Targets beside the middle of the region.
+const TARGETS: usize = 24;
+/// The angle between neighbours of Fibonacci's spiral.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
+/// A reading of a view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Reading {
+    pub(super) leaf: u32,
+    pub(super) local: [f64; 2],
+    pub(super) point: [f64; 3],
+    pub(super) normal: [f64; 3],
+    /// Along the normal.
+    pub(super) variance: f64,
+    /// Along the ray.
+    pub(super) sigma_along: f64,
+}
+
+/// All readings of a pose, and how many rays each stands for.
+pub(super) struct Readings {
+    pub(super) readings: Vec<Reading>,
+    pub(super) stands_for: f64,
+}
+
+impl Readings {
+    /// The readings of every leaf: row over its coefficients, direction, value and information.
+    pub(super) fn by_leaf(&self, leaves: usize) -> Vec<Vec<([f64; 16], [f64; 3], f64, f64)>> {
+        let mut of_leaf = vec![Vec::new(); leaves];
+        for r in &self.readings {
+            let weights = leaf_weights(r.local[0], r.local[1]);
+            let information = self.stands_for / r.variance;
+            of_leaf[r.leaf as usize].push((weights, r.normal, dot(r.normal, r.point), information));
+        }
+        of_leaf
+    }
+}
+
+/// A model before a sensor.
+pub(super) struct Sight<'a> {
+    surface: &'a Surface,
+    sensor: &'a ViewSensor,
+    mesh: MeshSearch,
+    bounds: BoundingBox,
+    feet: FootPointSearch,
+    /// How near to its end a line of sight may touch the tessellation.
+    clearance: f64,
+}
+
+impl<'a> Sight<'a> {
+    pub(super) fn new(model: &'a SurfaceModel, sensor: &'a ViewSensor) -> Result<Self> {
+        let surface = &model.surface;
+        let bounds = BoundingBox::of(surface.vertices())
+            .filter(|b| b.diagonal() > 0.0)
+            .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
+        let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MOST_TRIANGLES)?;
+        let made = tessellate(
+            surface,
+            &TessellationOptions {
+                tolerance,
+                ..TessellationOptions::default()
+            },
+        )?;
+        Ok(Self {
+            surface,
+            sensor,
+            mesh: MeshSearch::try_new(&TriangleMesh::try_new(made.positions, made.triangles)?)?,
+            bounds,
+            // Opposite sides of a thin part are as far apart as the whole.
+            feet: FootPointSearch::new(surface, 3, 0.5 * bounds.diagonal())?,
+            clearance: 2.0 * tolerance / sensor.max_incidence_rad.cos(),
+        })
+    }
+
+    /// How a place is seen: its coordinates in the sensor's frame and the cosine of incidence.
+    pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<([f64; 3], f64)> {
+        let local = pose.inverse().apply(place.position);
+        if !self.sensor.reaches(local) {
+            return None;
+        }
+        let ray = unit(sub(place.position, pose.translation))?;
+        let cosine = -dot(ray, place.normal);
+        let open = || self.mesh.sees(pose.translation, place.position, self.clearance);
+        (self.sensor.accepts(cosine) && open()).then_some((local, cosine))
+    }
+
+    /// Every reading that the sensor takes from a pose, row by row.
+    pub(super) fn readings(&self, pose: &Pose) -> Readings {
+        let all = self.sensor.rays;
+        let thinner = ((all[0] * all[1]) as f64 / MOST_RAYS as f64).sqrt().max(1.0);
+        let cast = all.map(|n| ((n as f64 / thinner) as usize).max(1));
+        let readings = (0..cast[1])
+            .into_par_iter()
+            .flat_map_iter(|row| {
+                (0..cast[0]).filter_map(move |column| {
+                    let share = [column, row].map(|k| k as f64 + 0.5);
+                    let share = [share[0] / cast[0] as f64, share[1] / cast[1] as f64];
+                    self.reading(pose.translation, pose.rotate(self.sensor.direction(share)))
+                })
+            })
+            .collect();
+        Readings {
+            readings,
+            stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64,
+        }
+    }
+
+    fn reading(&self, origin: [f64; 3], ray: [f64; 3]) -> Option<Reading> {
+        let [near, far] = self.sensor.range;
+        let hit = self.mesh.first_hit_between(origin, ray, 0.0, far)?;
+        if hit.distance < near || dot(hit.normal, ray) >= 0.0 {
+            return None;
+        }
+        let start = self.feet.nearest(hit.point, hit.normal);
+        let foot = self.surface.project(hit.point, start, &ProjectionOptions::default());
+        let cosine = -dot(ray, foot.normal);
+        let found = foot.converged && distance(foot.jet.point, hit.point) <= self.clearance;
+        (found && self.sensor.accepts(cosine)).then(|| Reading {
+            leaf: foot.leaf,
+            local: foot.local,
+            point: foot.jet.point,
+            normal: foot.normal,
+            variance: self.sensor.variance_along_normal(hit.distance, cosine),
+            sigma_along: self.sensor.noise(hit.distance, cosine),
+        })
+    }
+
+    /// Poses that look at some of the places, or at the middle of all, from feasible distances and all around. Nothing of the model is nearer than the nearest range.
+    pub(super) fn poses(&self, places: &[Place], representatives: &[usize]) -> Vec<Pose> {
+        let [near, far] = self.sensor.range;
+        let radius = 0.5 * self.bounds.diagonal();
+        // Farther than where the whole fits into the field of view by half as much again there is nothing to gain.
+        let widest = (self.sensor.borders.iter()).map(|[low, high]| 0.5 * (high - low));
+        let fits = 1.5 * radius / widest.fold(f64::INFINITY, f64::min);
+        let nearest = 1.02 * near;
+        let farthest = (0.98 * far).min(fits.max(1.2 * nearest)).max(nearest);
+        let step = (farthest / nearest).powf(1.0 / (DISTANCES - 1) as f64);
+        let distances: Vec<f64> = (0..DISTANCES as i32).map(|k| nearest * step.powi(k)).collect();
+        let middle = self.bounds.center();
+        let mut wanted = Vec::new();
+        for towards in sphere() {
+            wanted.extend(
+                distances
+                    .iter()
+                    .map(|d| (middle, towards, (d + radius).min(0.98 * far))),
+            );
+        }
+        for target in spread(places, representatives) {
+            let Place { position, normal, .. } = places[target];
+            let seen = sphere().filter(|towards| self.sensor.accepts(dot(*towards, normal)));
+            for towards in std::iter::once(normal).chain(seen) {
+                wanted.extend(distances.iter().map(|d| (position, towards, *d)));
+            }
+        }
+        (wanted.par_iter())
+            .filter_map(|&(target, towards, far)| {
+                let origin = add_scaled(target, far, towards);
+                let free = self.mesh.closest_within(origin, near).is_none();
+                if free {
+                    looking(origin, scale(-1.0, towards))
+                } else {
+                    None
+                }
+            })
+            .collect()
+    }
+}
+
+/// Directions spread evenly over the sphere, along Fibonacci's spiral (González, *Measurement of areas on a sphere using Fibonacci and latitude–longitude lattices*, 2010).
+fn sphere() -> impl Iterator<Item = [f64; 3]> {
+    (0..DIRECTIONS).map(|k| {
+        let z = 1.0 - (2.0 * k as f64 + 1.0) / DIRECTIONS as f64;
+        let r = (1.0 - z * z).sqrt();
+        let angle = GOLDEN_ANGLE * k as f64;
+        [r * angle.cos(), r * angle.sin(), z]
+    })
+}
+
+/// Some of the representatives, each the farthest from those before it.
+fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
+    let mut nearest = vec![f64::INFINITY; representatives.len()];
+    let mut found = Vec::with_capacity(TARGETS);
+    let mut next = 0;
+    while found.len() < TARGETS.min(representatives.len()) {
+        let at = representatives[next];
+        found.push(at);
+        for (least, &other) in nearest.iter_mut().zip(representatives) {
+            *least = least.min(distance(places[at].position, places[other].position));
+        }
+        next = (0..nearest.len())
+            .rev()
+            .max_by(|&a, &b| nearest[a].total_cmp(&nearest[b]))
+            .unwrap_or(0);
+    }
+    found
+}
+
+/// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it is written.
+pub(super) fn looking(origin: [f64; 3], z: [f64; 3]) -> Option<Pose> {
+    let up = if z[2].abs() > 0.95 {
+        [0.0, 1.0, 0.0]
+    } else {
+        [0.0, 0.0, 1.0]
+    };
+    let x = unit(cross(z, up))?;
+    let y = cross(z, x);
+    let exact = Pose {
+        rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]),
+        translation: origin,
+    };
+    Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), origin)
+}

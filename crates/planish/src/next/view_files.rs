@@ -1,0 +1,145 @@
+//! `planish next --views`: a saved model and a sensor's file in, poses out.
+
+use super::{Length, NextOptions, NextView, ViewsReport, next_views};
+use crate::output::refuse_input_as_output;
+use crate::progress::Progress;
+use crate::saved::load;
+use planish_estimate::{Error, Result};
+use planish_exchange::calibration::read_view_sensor;
+use planish_exchange::ply::{Column, MeshColumns, write_points};
+use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_sense::{Pose, ViewSensor};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What `planish next --views` is asked for.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct NextViewsJob {
+    /// A saved model.
+    pub model: PathBuf,
+    /// The sensor's file.
+    pub sensor: PathBuf,
+    /// Views at most, and what else [`NextOptions`] holds beside lengths.
+    pub options: NextOptions,
+    /// Where to stop.
+    pub goal: Option<Length>,
+    /// Files of the poses: `.toml`, `.csv` or `.ply`.
+    pub outputs: Vec<PathBuf>,
+}
+
+/// What [`next_view_files`] did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NextViewsJobReport {
+    /// The poses and figures.
+    #[serde(flatten)]
+    pub next: ViewsReport,
+    /// The model's unit.
+    #[serde(skip)]
+    pub unit: Unit,
+}
+
+/// Reads a saved model and a sensor, chooses poses, and writes them.
+///
+/// # Errors
+/// What the readers, [`next_views`] and the writers report; `Unsupported` for outputs of other kinds, before any work.
+pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
+    let inputs = [job.model.clone(), job.sensor.clone()];
+    for path in &job.outputs {
+        if !matches!(extension(path).as_str(), "toml" | "csv" | "ply") {
+            return Err(Error::unsupported(format!(
+                "{}: the extension says what to write: needed .toml (scans of a job), .csv or .ply (poses)",
+                path.display()
+            )));
+        }
+        refuse_input_as_output(path, &inputs)?;
+        check_writable(path)?;
+    }
+    progress.check("reading", 0.0)?;
+    let known = read_view_sensor(&job.sensor)?;
+    let model = load(&job.model)?;
+    let factor = known
+        .unit
+        .map_or(1.0, |unit| unit.millimetres() / model.unit.millimetres());
+    let sensor = known.sensor.scaled(factor);
+    let options = NextOptions {
+        goal: job.goal.map(|length| length.in_unit(model.unit)),
+        ..job.options.clone()
+    };
+    let next = next_views(&model, &sensor, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    for path in &job.outputs {
+        match extension(path).as_str() {
+            "toml" => write_job(path, &next, &sensor, model.unit)?,
+            "csv" => write_csv(path, &next.views)?,
+            _ => write_ply(path, &next.views, model.unit)?,
+        }
+    }
+    Ok(NextViewsJobReport { next, unit: model.unit })
+}
+
+/// A job whose scans are still to be taken.
+fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -> Result<()> {
+    let along = next.sigma_along.unwrap_or(sensor.sigma_along);
+    let mut text = format!(
+        "# Views to take, best first, by `planish next`. The sensor looks along its z, with x right and y down.\n# Save each scan, in the sensor's frame, in the file that is named here.\nunit = \"{unit}\"\n\n[sensor.next]\nkind = \"range\"\n# The mean of all readings.\nsigma_along = {along:?}\nsigma_across = {:?}\n",
+        sensor.sigma_across
+    );
+    for (k, view) in next.views.iter().enumerate() {
+        let _ = write!(
+            text,
+            "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
+            k + 1,
+            view.translation,
+            view.quaternion_xyzw
+        );
+    }
+    write_atomically(path, |writer| writer.write_all(text.as_bytes()))
+}
+
+fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
+    write_atomically(path, |writer| {
+        writeln!(
+            writer,
+            "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after"
+        )?;
+        for v in views {
+            let numbers = v.translation.iter().chain(&v.quaternion_xyzw).map(f64::to_string);
+            let place: Vec<String> = numbers.collect();
+            writeln!(
+                writer,
+                "{},{},{},{},{},{}",
+                place.join(","),
+                v.readings,
+                v.seen,
+                v.seen_so_far,
+                v.worst_sigma_after,
+                v.mean_sigma_after
+            )?;
+        }
+        Ok(())
+    })
+}
+
+/// The sensor's places, with the directions in which it looks as normals.
+fn write_ply(path: &Path, views: &[NextView], unit: Unit) -> Result<()> {
+    let axis = |v: &NextView| {
+        let pose = Pose::from_quaternion_xyzw(v.quaternion_xyzw, v.translation).unwrap_or_default();
+        pose.rotate([0.0, 0.0, 1.0])
+    };
+    let column = |value: fn(&NextView) -> f64| views.iter().map(value).collect::<Vec<f64>>();
+    let (worst, mean) = (column(|v| v.worst_sigma_after), column(|v| v.mean_sigma_after));
+    write_points(
+        path,
+        &MeshColumns {
+            points: &views.iter().map(|v| v.translation).collect::<Vec<_>>(),
+            normals: Some(&views.iter().map(axis).collect::<Vec<_>>()),
+            columns: vec![
+                ("worst_sigma_after", Column::F64(&worst)),
+                ("mean_sigma_after", Column::F64(&mean)),
+            ],
+            unit: Some(unit),
+            ..MeshColumns::default()
+        },
+    )
+}

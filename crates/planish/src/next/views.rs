@@ -1,0 +1,317 @@
+//! Poses of a sensor, chosen one after the other.
+//!
+//! Comes in: a model and a sensor with a field of view. Goes out: poses, each the best of those that were tried given the views before it, with σ after it.
+//!
+//! Candidates stand around the model at feasible distances. A candidate is judged by representatives: a few hundred places that stand for the surface near them, and, where they are seen, for
+//! all rays that meet it: `n` readings of variance `r` are one of variance `r/n`. With `K` the covariance of the representatives, `B` those that are seen and `R` their variances, the view leaves
+//! `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The view that is chosen is then taken ray by ray: all its readings are added to the sparse information, which is factored anew, so that σ after it
+//! is exact for these readings.
+//!
+//! Not guaranteed: the best set of views, nor the best of all poses: as in [`super::next_points`], and among candidates.
+
+use super::sight::Sight;
+use super::{
+    Change, NextOptions, Objective, Place, Prepared, check_lengths, chosen, columns, cost, figures, variances_of,
+};
+use crate::model::SurfaceModel;
+use crate::progress::{Progress, Silent};
+use nalgebra::{Cholesky, DMatrix};
+use planish_estimate::Error;
+use planish_estimate::Result;
+use planish_estimate::sparse::CholeskyFactor;
+use planish_estimate::vector3::{distance, dot};
+use planish_sense::{Pose, ViewSensor};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Places that stand for the whole surface while candidates are compared.
+const REPRESENTATIVES: usize = 200;
+/// A view that lowers what is to become small by less than this share is not worth its time.
+const LEAST_GAIN: f64 = 1e-6;
+
+/// A pose to measure from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NextView {
+    /// The sensor's place: translation of `p_world = R p_sensor + t`, in the model's unit.
+    pub translation: [f64; 3],
+    /// Its rotation; the sensor looks along its z, with x right and y down.
+    pub quaternion_xyzw: [f64; 4],
+    /// Rays that give a reading.
+    pub readings: usize,
+    /// Share of the region's area that it sees.
+    pub seen: f64,
+    /// Share that it or a view before it sees.
+    pub seen_so_far: f64,
+    /// The largest σ of the region once it and those before it are taken.
+    pub worst_sigma_after: f64,
+    /// The root of the mean variance of the region then, by area.
+    pub mean_sigma_after: f64,
+}
+
+/// A place that no candidate sees.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UnseenPlace {
+    /// Where it is.
+    pub position: [f64; 3],
+    /// The surface's unit normal there.
+    pub normal: [f64; 3],
+    /// σ of the surface along it, once all views are taken.
+    pub sigma: f64,
+}
+
+/// From where to measure next.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ViewsReport {
+    /// The poses, best first.
+    pub views: Vec<NextView>,
+    /// The largest σ of the region.
+    pub worst_sigma: Change,
+    /// The root of the mean variance of the region, by area.
+    pub mean_sigma: Change,
+    /// Poses that were compared.
+    pub candidates: usize,
+    /// Share of the region's area that none of them sees.
+    pub unseen: f64,
+    /// Of the places that none sees, the least known; none where all can be seen.
+    pub worst_unseen: Option<UnseenPlace>,
+    /// Mean σ along their rays of all readings to come.
+    pub sigma_along: Option<f64>,
+    /// Whether the goal is reached; none where there was none.
+    pub reached_goal: Option<bool>,
+}
+
+/// Chooses poses one after the other. Of the options, `sigma` and `against_random` do not count.
+///
+/// Cost: a line of sight for every candidate and place once; for every view one factorisation, and for every candidate the Cholesky factor of the representatives that it sees.
+///
+/// # Errors
+/// As for [`super::next_points`]; `Input` also for a sensor that makes no sense, and where no pose sees any of the region.
+pub fn next_views(
+    model: &SurfaceModel,
+    sensor: &ViewSensor,
+    options: &NextOptions,
+    progress: &dyn Progress,
+) -> Result<ViewsReport> {
+    sensor.sanity_check()?;
+    check_lengths(&[("goal", options.goal)])?;
+    let Prepared {
+        system,
+        directions,
+        mut information,
+        places,
+    } = Prepared::new(model, options, progress)?;
+    let mut factor = system.factorize_scalar(&information)?;
+    progress.check("covariance", 0.1)?;
+    let mut variances = variances_of(model, &factor, directions.clone(), &places)?;
+    progress.check("lines of sight", 0.15)?;
+    let sight = Sight::new(model, sensor)?;
+    let representatives = Representatives::new(&places, &variances);
+    let candidates = candidates(&sight, sensor, &places, &representatives, progress)?;
+    let seeable = seen_by_any(&sight, &places, &candidates, progress)?;
+    let before = figures(&places, &variances);
+    let area: f64 = places.iter().map(|p| p.area).sum();
+    let share = |seen: &[bool]| {
+        let of = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
+        // The sum of nothing is −0.
+        of.fold(0.0, |sum, a| sum + a) / area
+    };
+    let mut seen_so_far = vec![false; places.len()];
+    let mut views: Vec<NextView> = Vec::new();
+    let (mut noise, mut readings) = (0.0, 0.0);
+    let reached = |variances: &[f64]| options.goal.map(|goal| figures(&places, variances).0 <= goal);
+    while views.len() < options.count && reached(&variances) != Some(true) {
+        let done = views.len() as f64 / options.count as f64;
+        progress.check("choosing", 0.4 + 0.6 * done)?;
+        let nodes = model.surface.space().node_count();
+        let together = representatives.covariance(&factor, nodes, &places)?;
+        let Some(best) = best_of(&candidates, &together, &representatives, options.objective) else {
+            break;
+        };
+        let pose = candidates[best].pose;
+        let taken = sight.readings(&pose);
+        let of_leaf = taken.by_leaf(model.surface.space().leaves().len());
+        let more = system.accumulate_along(&directions, |leaf, add| {
+            for (weights, normal, value, information) in &of_leaf[leaf] {
+                add(weights, *normal, *value, *information);
+            }
+        })?;
+        information.add_scaled(&more, 1.0)?;
+        factor = factor.refactorize(&information)?;
+        variances = variances_of(model, &factor, directions.clone(), &places)?;
+        let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
+        seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
+        let (worst, mean) = figures(&places, &variances);
+        noise += taken.stands_for * taken.readings.iter().map(|r| r.sigma_along).sum::<f64>();
+        let count = taken.stands_for * taken.readings.len() as f64;
+        readings += count;
+        views.push(NextView {
+            translation: pose.translation,
+            quaternion_xyzw: pose.quaternion_xyzw(),
+            readings: count.round() as usize,
+            seen: share(&seen),
+            seen_so_far: share(&seen_so_far),
+            worst_sigma_after: worst,
+            mean_sigma_after: mean,
+        });
+    }
+    let after = figures(&places, &variances);
+    let unseen: Vec<bool> = seeable.iter().map(|s| !s).collect();
+    let worst_unseen = (0..places.len())
+        .filter(|&k| unseen[k])
+        .max_by(|&a, &b| variances[a].total_cmp(&variances[b]));
+    progress.advance("done", 1.0);
+    Ok(ViewsReport {
+        views,
+        worst_sigma: Change {
+            before: before.0,
+            after: after.0,
+        },
+        mean_sigma: Change {
+            before: before.1,
+            after: after.1,
+        },
+        candidates: candidates.len(),
+        unseen: share(&unseen),
+        worst_unseen: worst_unseen.map(|k| UnseenPlace {
+            position: places[k].position,
+            normal: places[k].normal,
+            sigma: variances[k].sqrt(),
+        }),
+        sigma_along: (readings > 0.0).then(|| noise / readings),
+        reached_goal: reached(&variances),
+    })
+}
+
+/// Places that stand for all.
+struct Representatives {
+    /// Which places.
+    places: Vec<usize>,
+    /// The area for which each stands.
+    areas: Vec<f64>,
+}
+
+impl Representatives {
+    fn new(places: &[Place], variances: &[f64]) -> Self {
+        let chosen = chosen(places, variances, REPRESENTATIVES);
+        let size = places.iter().map(|p| p.area).sum::<f64>().sqrt();
+        // Opposite sides of a thin part are not near.
+        let apart = |a: &Place, b: &Place| {
+            distance(a.position, b.position).powi(2) + size * size * (1.0 - dot(a.normal, b.normal)).powi(2)
+        };
+        let nearest: Vec<usize> = (places.par_iter())
+            .map(|place| {
+                let to = |k: &usize| apart(place, &places[chosen[*k]]);
+                (0..chosen.len()).min_by(|a, b| to(a).total_cmp(&to(b))).unwrap_or(0)
+            })
+            .collect();
+        let mut areas = vec![0.0; chosen.len()];
+        for (place, k) in places.iter().zip(nearest) {
+            areas[k] += place.area;
+        }
+        Self { places: chosen, areas }
+    }
+
+    /// Their covariance with each other.
+    fn covariance(&self, factor: &CholeskyFactor, nodes: usize, places: &[Place]) -> Result<DMatrix<f64>> {
+        let columns = columns(factor, nodes, places, self.places.clone(), &Silent)?;
+        let n = self.places.len();
+        Ok(DMatrix::from_fn(n, n, |i, j| {
+            places[self.places[i]].see(&columns[j].column)
+        }))
+    }
+}
+
+/// A pose that sees something: which representatives, and the information of the rays that meet them.
+struct CandidateView {
+    pose: Pose,
+    seen: Vec<(usize, f64)>,
+}
+
+fn candidates(
+    sight: &Sight<'_>,
+    sensor: &ViewSensor,
+    places: &[Place],
+    representatives: &Representatives,
+    progress: &dyn Progress,
+) -> Result<Vec<CandidateView>> {
+    let poses = sight.poses(places, &representatives.places);
+    let mut found = Vec::with_capacity(poses.len());
+    for part in poses.chunks(256) {
+        progress.check("lines of sight", 0.2)?;
+        found.par_extend(part.par_iter().filter_map(|pose| {
+            let information = |k: usize| {
+                let place = &places[representatives.places[k]];
+                let (local, cosine) = sight.sees(pose, place)?;
+                let range = dot(local, local).sqrt();
+                let rays = sensor.rays_on(local, representatives.areas[k], cosine);
+                Some((k, rays / sensor.variance_along_normal(range, cosine)))
+            };
+            let seen: Vec<_> = (0..representatives.places.len()).filter_map(information).collect();
+            (!seen.is_empty()).then_some(CandidateView { pose: *pose, seen })
+        }));
+    }
+    if found.is_empty() {
+        return Err(Error::input(
+            "no pose around the model sees any of the region: needed a sensor whose range and field of view fit the model's size (are the units right?)",
+        ));
+    }
+    Ok(found)
+}
+
+/// Which places any candidate sees.
+fn seen_by_any(
+    sight: &Sight<'_>,
+    places: &[Place],
+    candidates: &[CandidateView],
+    progress: &dyn Progress,
+) -> Result<Vec<bool>> {
+    let mut seen = vec![false; places.len()];
+    for (k, part) in candidates.chunks(64).enumerate() {
+        progress.check(
+            "lines of sight",
+            0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64,
+        )?;
+        seen.par_iter_mut()
+            .zip(places)
+            .with_min_len(16)
+            .for_each(|(seen, place)| {
+                *seen = *seen || part.iter().any(|view| sight.sees(&view.pose, place).is_some());
+            });
+    }
+    Ok(seen)
+}
+
+/// The candidate that leaves least; none where none is worth it.
+fn best_of(
+    candidates: &[CandidateView],
+    covariance: &DMatrix<f64>,
+    representatives: &Representatives,
+    objective: Objective,
+) -> Option<usize> {
+    let total = |variance: &dyn Fn(usize) -> f64| -> f64 {
+        let of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
+        representatives.areas.iter().enumerate().map(of).sum()
+    };
+    let now = total(&|k| covariance[(k, k)]);
+    let left: Vec<f64> = candidates
+        .par_iter()
+        .map(|view| match taken_away(covariance, &view.seen) {
+            Some(less) => total(&|k| covariance[(k, k)] - less[k]),
+            None => f64::INFINITY,
+        })
+        .collect();
+    (0..left.len())
+        .min_by(|&a, &b| left[a].total_cmp(&left[b]))
+        .filter(|&best| left[best] < (1.0 - LEAST_GAIN) * now)
+}
+
+/// What readings of some representatives take off the variance of each: the diagonal of `K_·B (K_BB + R)⁻¹ K_B·`.
+fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
+    let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
+        let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };
+        covariance[(seen[i].0, seen[j].0)] + reading
+    });
+    let mut rows = DMatrix::from_fn(seen.len(), covariance.ncols(), |i, j| covariance[(seen[i].0, j)]);
+    let solved = Cholesky::new(own)?.l().solve_lower_triangular_mut(&mut rows);
+    solved.then(|| rows.column_iter().map(|column| column.norm_squared()).collect())
+}

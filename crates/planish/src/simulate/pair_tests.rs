@@ -1,0 +1,108 @@
+//! Pictures of cameras that converge, rectified and matched, against a rectified pair of the same thing.
+
+use super::render::{Exposure, Light, Texture};
+use planish_estimate::vector3::{cross, norm, sub, unit};
+use planish_mesh::{MeshSearch, icosphere};
+use planish_sense::stripes::Pinhole;
+use planish_sense::{
+    Image, LensCamera, Pose, Rectification, Scan, StereoCamera, StereoOptions, StereoPoints, StereoRig, match_stereo,
+};
+
+const SIZE: [usize; 2] = [240, 180];
+const FOCAL: f64 = 500.0;
+const RADIUS: f64 = 8.0;
+
+/// A camera at a place that looks along a direction, with the world's y down.
+fn camera(at: [f64; 3], along: [f64; 3]) -> Pinhole {
+    let z = unit(along).unwrap();
+    let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
+    let y = cross(z, x);
+    let world_from_camera = Pose {
+        rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]),
+        translation: at,
+    };
+    let inverse = world_from_camera.inverse();
+    Pinhole {
+        k: [[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]],
+        r: inverse.rotation,
+        t: inverse.translation,
+    }
+}
+
+fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
+    let exposure = Exposure {
+        camera,
+        size: SIZE,
+        light: &Light::Lamp([0.0, -15.0, -50.0]),
+        texture: &Texture {
+            contrast: 0.7,
+            grain: 0.3,
+            seed: 5,
+        },
+        sigma_brightness: 1.0,
+        seed,
+    };
+    let grey = exposure.take(ball, &mut |_| Ok(())).unwrap();
+    Image::try_new(SIZE[0], SIZE[1], grey.into_iter().map(f32::from).collect()).unwrap()
+}
+
+/// How many points there are where the ball is seen well, and their median distance from it.
+fn judged(scan: &Scan) -> (usize, f64) {
+    let well = scan.points.iter().filter(|p| norm([p[0], p[1], 0.0]) < 0.7 * RADIUS);
+    let mut off: Vec<f64> = well.map(|p| (norm(*p) - RADIUS).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    (off.len(), off[off.len() / 2])
+}
+
+#[test]
+fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
+    let ball = MeshSearch::try_new(&icosphere(RADIUS, 5)).unwrap();
+    let places = [[-3.0, 0.0, -50.0], [3.0, 0.0, -50.0]];
+    let options = StereoOptions {
+        least_disparity: -40,
+        disparities: 120,
+        ..StereoOptions::default()
+    };
+    let choice = StereoPoints {
+        max_sigma_px: 0.3,
+        ..StereoPoints::default()
+    };
+    let matched = |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
+
+    let level = places.map(|at| camera(at, [0.0, 0.0, 1.0]));
+    let images = [picture(&ball, &level[0], 1), picture(&ball, &level[1], 2)];
+    let rectified = StereoCamera {
+        focal: FOCAL,
+        center: [119.5, 89.5],
+        baseline: 6.0,
+        doffs: 0.0,
+        sigma_disparity: 0.0,
+    };
+    let mut scan = rectified.scan(&matched(&images), &choice, "level").unwrap();
+    for p in &mut scan.points {
+        *p = std::array::from_fn(|k| p[k] + places[0][k]);
+    }
+    let (level_count, level_median) = judged(&scan);
+
+    // Both look at the middle of the ball, the second from a little higher.
+    let places = [[-3.0, 0.0, -50.0], [3.0, -1.0, -50.0]];
+    let cameras = places.map(|at| camera(at, sub([0.0; 3], at)));
+    let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
+    let rig = StereoRig {
+        cameras: cameras.map(|pinhole| LensCamera {
+            pinhole,
+            distortion: [0.0; 5],
+        }),
+        sigma_disparity: 0.0,
+    };
+    let made = Rectification::new(&rig, [SIZE; 2]).unwrap();
+    let images = [0, 1].map(|k| made.picture(k, &images[k]).unwrap());
+    let mut map = matched(&images);
+    let _ = made.without_outside(&mut map);
+    let scan = made.scan(&map, &choice, "converging").unwrap();
+    let (count, median) = judged(&scan);
+    assert!(
+        5 * count > 4 * level_count && median < 1.3 * level_median && median < 0.05,
+        "{count} of {level_count}: {median} {level_median}"
+    );
+}

@@ -1,0 +1,293 @@
+//! Two calibrated cameras that stand anyhow: their pictures brought to rows that correspond.
+//!
+//! Comes in: two cameras with intrinsics, lens distortion and poses. Goes out: a [`Rectification`], which warps pictures so that they can be matched, and
+//! carries what is found back into the world's frame.
+//!
+//! Both pictures are turned about their own centres until their x axes lie along the line from centre to centre; the lenses' distortion is undone in the same step. The new axis
+//! is as near to the mean of the old ones as that allows. Pictures that are rectified already come out as they were.
+//!
+//! Not guaranteed: pictures of cameras that look along the line between them; they have an epipole inside and are refused.
+//!
+//! # References
+//! - Fusiello, Trucco and Verri, *A compact algorithm for rectification of stereo pairs*, Machine Vision and Applications 2000.
+//! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
+
+use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit, upper_triangle};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+
+use crate::stripes::Pinhole;
+use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
+
+/// Steps of the fixed point that undoes a distortion, at most.
+const UNDISTORTIONS: usize = 50;
+/// Places on each side of a picture at which its outline is followed.
+const OUTLINE: usize = 33;
+/// A rectified picture has at most so many times the columns and rows of the first one.
+const MOST_STRETCH: f64 = 3.0;
+/// A picture is left where it is stretched less than this over its whole width, in pixels.
+const ROUNDING: f64 = 1e-6;
+
+/// A camera whose lens distorts: `x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²)`, likewise in y with `p1 (r² + 2y²) + 2 p2 x y`, at distance 1 along the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LensCamera {
+    /// The camera without its lens.
+    pub pinhole: Pinhole,
+    /// `k1 k2 p1 p2 k3`.
+    pub distortion: [f64; 5],
+}
+
+impl LensCamera {
+    fn distorted(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+    }
+
+    /// The pixel of a direction of the world; none behind the camera.
+    #[must_use]
+    pub fn pixel(&self, direction: [f64; 3]) -> Option<[f64; 2]> {
+        let [x, y, z] = self.pinhole.r.map(|row| dot(row, direction));
+        if z <= 0.0 {
+            return None;
+        }
+        let [x, y] = self.distorted([x / z, y / z]);
+        let [first, second, _] = self.pinhole.k;
+        Some([dot(first, [x, y, 1.0]), dot(second, [x, y, 1.0])])
+    }
+
+    /// The direction of the world that a pixel looks along; none where no direction is distorted to it.
+    #[must_use]
+    pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
+        let [first, second, _] = self.pinhole.k;
+        let y = (pixel[1] - second[2]) / second[1];
+        let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
+        let mut straight = seen;
+        for _ in 0..UNDISTORTIONS {
+            let there = self.distorted(straight);
+            straight = [0, 1].map(|k| straight[k] + seen[k] - there[k]);
+        }
+        let there = self.distorted(straight);
+        let near = (0..2).all(|k| (there[k] - seen[k]).abs() < 1e-9);
+        let r = &self.pinhole.r;
+        near.then(|| [0, 1, 2].map(|j| r[0][j] * straight[0] + r[1][j] * straight[1] + r[2][j]))
+    }
+}
+
+/// Two calibrated cameras.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StereoRig {
+    /// The first camera, whose pixels get points, and the second.
+    pub cameras: [LensCamera; 2],
+    /// σ of disparities that no matching knows of, in pixels.
+    pub sigma_disparity: f64,
+}
+
+/// How the pictures of a rig are brought to corresponding rows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rectification {
+    rig: StereoRig,
+    /// Of the pictures as they were taken.
+    sizes: [[usize; 2]; 2],
+    /// The cameras after it, in the frame of the rectified pictures.
+    camera: StereoCamera,
+    /// Columns and rows of the rectified pictures.
+    size: [usize; 2],
+    world_from_rectified: Pose,
+}
+
+impl Rectification {
+    /// Of the pictures of a rig, of known columns and rows.
+    ///
+    /// # Errors
+    /// `Input` for cameras at one place, cameras that look along the line between them or away from each other, and distortions that cannot be undone.
+    pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
+        let centres = rig.cameras.map(|c| c.pinhole.centre());
+        let baseline = sub(centres[1], centres[0]);
+        let x =
+            unit(baseline).ok_or_else(|| Error::input("needed two cameras at different places, found both at one"))?;
+        for (camera, (size, which)) in rig.cameras.iter().zip(sizes.iter().zip(["first", "second"])) {
+            refuse_epipole(camera, *size, x, which)?;
+        }
+        let axes = rig.cameras.map(|c| c.pinhole.r[2]);
+        let ahead = add(axes[0], axes[1]);
+        let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
+        let y = across.ok_or_else(|| Error::input("needed two cameras that look at the same thing, found axes more than 90° apart or along the line between them"))?;
+        let rotation = [x, y, cross(x, y)];
+        let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
+        let focal = if focals[0] == focals[1] {
+            focals[0]
+        } else {
+            0.5 * (focals[0] + focals[1])
+        };
+        let boxes = [
+            outline(&rig.cameras[0], sizes[0], &rotation, focal)?,
+            outline(&rig.cameras[1], sizes[1], &rotation, focal)?,
+        ];
+        let [low, high] = boxes[0];
+        let size = [0, 1].map(|k| {
+            let pixels = (high[k] - low[k] - ROUNDING).ceil();
+            pixels.min(MOST_STRETCH * sizes[0][k] as f64) as usize
+        });
+        let first = [-0.5 - low[0], -0.5 - low[1]];
+        let second = -0.5 - boxes[1][0][0];
+        Ok(Self {
+            rig: *rig,
+            sizes,
+            camera: StereoCamera {
+                focal,
+                center: first,
+                baseline: norm(baseline),
+                doffs: second - first[0],
+                sigma_disparity: rig.sigma_disparity,
+            },
+            size,
+            world_from_rectified: Pose {
+                rotation: [0, 1, 2].map(|k| [x[k], y[k], rotation[2][k]]),
+                translation: centres[0],
+            },
+        })
+    }
+
+    /// The rectified cameras, in their own frame.
+    #[must_use]
+    pub fn camera(&self) -> &StereoCamera {
+        &self.camera
+    }
+
+    /// Carries the rectified cameras' frame, that of the first one, into the world.
+    #[must_use]
+    pub fn world_from_rectified(&self) -> &Pose {
+        &self.world_from_rectified
+    }
+
+    /// Where the first (0) or second (1) camera's picture shows what its rectified picture shows at a place; none outside of it.
+    fn source(&self, which: usize, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
+        let doffs = if which == 0 { 0.0 } else { self.camera.doffs };
+        let [cx, cy] = self.camera.center;
+        let ray = [(u - cx - doffs) / self.camera.focal, (v - cy) / self.camera.focal, 1.0];
+        let pixel = self.rig.cameras[which].pixel(self.world_from_rectified.rotate(ray))?;
+        let [columns, rows] = self.sizes[which];
+        let snapped = pixel.map(|c| if (c - c.round()).abs() < ROUNDING { c.round() } else { c });
+        let inside = |c: f64, n: usize| (0.0..=(n - 1) as f64).contains(&c);
+        (inside(snapped[0], columns) && inside(snapped[1], rows)).then_some(snapped)
+    }
+
+    /// The rectified picture of the first (0) or second (1) camera, by cubics; black where the camera saw nothing.
+    ///
+    /// # Errors
+    /// `Input` for a picture of another size.
+    pub fn picture(&self, which: usize, taken: &Image) -> Result<Image> {
+        if [taken.columns, taken.rows] != self.sizes[which] {
+            let [columns, rows] = self.sizes[which];
+            return Err(Error::input(format!(
+                "needed a picture of {columns} × {rows} pixels, found {} × {}",
+                taken.columns, taken.rows
+            )));
+        }
+        let [columns, rows] = self.size;
+        let mut values = vec![0.0; columns * rows];
+        values.par_chunks_mut(columns).enumerate().for_each(|(v, row)| {
+            for (u, value) in row.iter_mut().enumerate() {
+                let place = self.source(which, [u as f64, v as f64]);
+                *value = place.and_then(|[x, y]| taken.smoothly_between(x, y)).unwrap_or(0.0);
+            }
+        });
+        Image::try_new(columns, rows, values)
+    }
+
+    /// Takes out the disparities of which one camera did not see either end, and says how many.
+    #[must_use]
+    pub fn without_outside(&self, map: &mut DisparityMap) -> usize {
+        let mut outside = 0;
+        for k in 0..map.disparity.len() {
+            let d = f64::from(map.disparity[k]);
+            let place = [(k % map.columns) as f64, (k / map.columns) as f64];
+            let seen = self.source(0, place).is_some() && self.source(1, [place[0] - d, place[1]]).is_some();
+            if d.is_finite() && !seen {
+                (map.disparity[k], map.sigma[k]) = (f32::NAN, f32::NAN);
+                outside += 1;
+            }
+        }
+        outside
+    }
+
+    /// The chosen points of a map of the rectified pictures, in the world's frame: `p = R p_r + c` and `R C Rᵀ`.
+    ///
+    /// # Errors
+    /// As for [`StereoCamera::scan`].
+    pub fn scan(&self, map: &DisparityMap, choice: &StereoPoints, name: &str) -> Result<Scan> {
+        let mut scan = self.camera.scan(map, choice, name)?;
+        for p in &mut scan.points {
+            *p = self.world_from_rectified.apply(*p);
+        }
+        for c in scan.covariance.iter_mut().flatten() {
+            *c = turned(&self.world_from_rectified.rotation, c);
+        }
+        scan.viewing = Viewing::Origin(self.world_from_rectified.translation);
+        Ok(scan)
+    }
+}
+
+/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+fn turned(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
+    let [xx, xy, xz, yy, yz, zz] = *c;
+    let full = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    upper_triangle(|i, j| dot(r[i], full.map(|row| dot(row, r[j]))))
+}
+
+/// Refuses a picture that shows where the other camera stands, or the place opposite: around it rows cannot correspond.
+fn refuse_epipole(camera: &LensCamera, [columns, rows]: [usize; 2], along: [f64; 3], which: &str) -> Result<()> {
+    for towards in [along, scale(-1.0, along)] {
+        if let Some([u, v]) = camera.pixel(towards) {
+            let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
+            if inside(u, columns) && inside(v, rows) {
+                return Err(Error::input(format!(
+                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): needed cameras beside each other, that do not look along the line between them"
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The box about a picture's outline on the rectified plane, in pixels from the axis.
+fn outline(
+    camera: &LensCamera,
+    [columns, rows]: [usize; 2],
+    rotation: &[[f64; 3]; 3],
+    focal: f64,
+) -> Result<[[f64; 2]; 2]> {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let ends = [columns as f64, rows as f64];
+    for k in 0..OUTLINE {
+        let share = k as f64 / (OUTLINE - 1) as f64;
+        for place in [[share, 0.0], [share, 1.0], [0.0, share], [1.0, share]] {
+            let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
+            let direction = camera.direction(pixel).ok_or_else(|| {
+                Error::input(format!(
+                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows along every ray of the picture, found {:?}",
+                    pixel[0], pixel[1], camera.distortion
+                ))
+            })?;
+            let [x, y, z] = rotation.map(|row| dot(row, direction));
+            if z <= 0.05 * norm(direction) {
+                return Err(Error::input(
+                    "needed cameras that look the same way: rectified, the border of a picture would lie at infinity",
+                ));
+            }
+            for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {
+                low[d] = low[d].min(c);
+                high[d] = high[d].max(c);
+            }
+        }
+    }
+    Ok([low, high])
+}
+
+#[cfg(test)]
+mod tests;
