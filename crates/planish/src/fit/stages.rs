@@ -95,6 +95,8 @@ pub(super) struct Settled {
     pub refined: RefinementLog,
     /// What a patch filter made of the readings; it then holds what is known.
     pub fused: Option<Fused>,
+    /// Whether vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
+    pub moves_freely: bool,
 }
 
 /// Finds the first shape and settles it.
@@ -358,6 +360,7 @@ pub(super) fn refine_to_noise(
                 reached_tolerance,
                 refined,
                 fused: None,
+                moves_freely: false,
             });
         }
         // What the leaves cannot follow.
@@ -480,7 +483,7 @@ fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
 
 /// The weight of the thin plate that smooths over a length: information of positions an area, times the length to the fourth; of slopes to the
 /// second, of curvatures as it is.
-fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
+pub(super) fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
     let over = |quantity: Quantity| match quantity {
         Quantity::Position => length.powi(4),
         Quantity::Normal => length.powi(2),
