@@ -668,6 +668,9 @@ pub struct SphereArgs {
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true,
           help_heading = "Sphere")]
     pub orientation_deg: f64,
+    /// Show the sphere forming from a cylinder, reading by reading, by the patch filter: a .glb file with an animation, or a new folder of pictures
+    #[arg(long, value_name = "OUT.glb|DIR", help_heading = "Sphere", value_hint = ValueHint::AnyPath)]
+    pub animate: Option<PathBuf>,
 
     /// Options that every command has.
     #[command(flatten)]

@@ -143,12 +143,12 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         noise_divides: args.noise_divides,
         ..usual
     };
-    let rows = write_sphere(&options, &args.out, progress)?;
+    let rows = write_sphere(&options, &args.out, args.animate.as_deref(), progress)?;
     Ok(Summary {
         text: sphere_text(args, &options, &rows),
         unit: None,
         inputs: Vec::new(),
-        outputs: args.out.clone(),
+        outputs: args.out.iter().chain(&args.animate).cloned().collect(),
         warnings: Vec::new(),
         body: SphereBody {
             rows,
@@ -195,7 +195,12 @@ fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -
         &table,
     );
     lines.gap();
-    let names: Vec<String> = args.out.iter().map(|path| path.display().to_string()).collect();
+    let names: Vec<String> = args
+        .out
+        .iter()
+        .chain(&args.animate)
+        .map(|path| path.display().to_string())
+        .collect();
     lines.line(format!("Wrote {}.", names.join(", ")));
     lines.into_text()
 }

@@ -9,7 +9,7 @@
 //!
 //! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows colours change.
 
-use crate::fit::{Fit, Forming};
+use crate::fit::Forming;
 use crate::mesh_output::affordable_tolerance;
 use crate::output::refuse_input_as_output;
 use crate::point_sigmas::sigmas_along;
@@ -20,7 +20,7 @@ use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{FolderInWork, Unit, check_writable, extension};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
-use planish_spline::{TessellationOptions, tessellate};
+use planish_spline::{Surface, TessellationOptions, tessellate};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -102,14 +102,19 @@ struct Frames {
 /// Writes how a model formed.
 ///
 /// # Errors
-/// `Input` where the fit kept no snapshots; what the writers report; `Interrupted` on request, before anything is left in the folder.
-pub fn write_forming(fit: &Fit, output: &AnimationOutput, progress: &dyn Progress) -> Result<AnimationReport> {
-    let forming = fit
-        .forming
-        .as_ref()
-        .filter(|forming| forming.snapshots.len() > 1)
-        .ok_or_else(|| Error::input("an animation needed a fit with at least two snapshots"))?;
-    let frames = frames(fit, forming, progress)?;
+/// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before anything is left in the folder.
+pub fn write_forming(
+    forming: &Forming,
+    unit: Unit,
+    output: &AnimationOutput,
+    progress: &dyn Progress,
+) -> Result<AnimationReport> {
+    let Some(last) = forming.snapshots.last().filter(|_| forming.snapshots.len() > 1) else {
+        return Err(Error::input(
+            "an animation needed a fit with at least two snapshots, and readings for them",
+        ));
+    };
+    let frames = frames(&last.surface, forming, unit, progress)?;
     let file = match output {
         AnimationOutput::Mesh(path) => {
             write_animation(
@@ -141,9 +146,8 @@ pub fn write_forming(fit: &Fit, output: &AnimationOutput, progress: &dyn Progres
     })
 }
 
-/// The snapshots on the triangles of the finished surface.
-fn frames(fit: &Fit, forming: &Forming, progress: &dyn Progress) -> Result<Frames> {
-    let surface = &fit.model.surface;
+/// The snapshots on the triangles of the last one.
+fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
     let wanted = 1e-4 * crate::fit::extent_of(surface);
     let options = TessellationOptions {
         tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
@@ -184,7 +188,7 @@ fn frames(fit: &Fit, forming: &Forming, progress: &dyn Progress) -> Result<Frame
         triangles: made.triangles,
         frames,
         readings: shapes.iter().map(|shape| shape.2).collect(),
-        unit: fit.model.unit,
+        unit,
     })
 }
 
@@ -270,13 +274,8 @@ impl Camera {
     fn project(&self, p: [f64; 3]) -> [f64; 3] {
         let off = sub(p, self.at);
         let depth = dot(off, self.axes[2]);
-        [0, 1]
-            .map(|k| self.focal * dot(off, self.axes[k]) / depth)
-            .into_iter()
-            .chain([norm(off)])
-            .collect::<Vec<f64>>()
-            .try_into()
-            .unwrap_or([0.0; 3])
+        let on_screen = |k: usize| self.focal * dot(off, self.axes[k]) / depth;
+        [on_screen(0), on_screen(1), norm(off)]
     }
 
     /// The direction through a place of the picture.

@@ -170,7 +170,8 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         &mut report.warnings,
     )?;
     let animation = (animation.iter())
-        .map(|output| write_forming(&fitted, output, &Part::new(progress, 0.95, 1.0)))
+        .zip(&fitted.forming)
+        .map(|(output, forming)| write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.95, 1.0)))
         .next()
         .transpose()?;
     for prepared in &states_prepared {

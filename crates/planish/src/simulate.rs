@@ -54,7 +54,7 @@ pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
     write_scan_scene, write_scans_scene,
 };
-pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
+pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, sphere_forming, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use turning::{TurningOptions, turning, write_turning_scene};
 pub use vessel::{VesselOptions, vessel, write_vessel_scene};

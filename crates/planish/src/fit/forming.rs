@@ -19,7 +19,7 @@ use crate::progress::Progress;
 use planish_estimate::Result;
 use planish_estimate::sparse::SelectedInverse;
 use planish_estimate::vector3::{add, add_scaled, dot};
-use planish_spline::Surface;
+use planish_spline::{PatchFilter, Surface};
 use std::sync::Arc;
 
 /// Readings of the first snapshot, at least.
@@ -52,7 +52,14 @@ impl Snapshot {
         Posterior::new(&self.surface, Arc::clone(&self.covariance))
     }
 
-    pub(super) fn new(readings: usize, surface: Surface, covariance: NodeCovariance) -> Self {
+    /// What a patch filter knows, once its patches have told each other.
+    pub(crate) fn of_patches(readings: usize, mut filter: PatchFilter) -> Result<Self> {
+        filter.reconcile()?;
+        let surface = filter.surface()?;
+        Ok(Self::new(readings, surface, NodeCovariance::Patches(Arc::new(filter))))
+    }
+
+    fn new(readings: usize, surface: Surface, covariance: NodeCovariance) -> Self {
         Self {
             readings,
             surface,

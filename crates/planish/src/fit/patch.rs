@@ -437,11 +437,8 @@ pub(super) fn stream(
                 forming.places.push(observations.points[i as usize]);
             }
             if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
-                let mut filter = core.filter.clone();
-                filter.reconcile()?;
-                let (readings, surface) = (forming.places.len(), filter.surface()?);
-                let covariance = NodeCovariance::Patches(Arc::new(filter));
-                forming.snapshots.push(Snapshot::new(readings, surface, covariance));
+                let snapshot = Snapshot::of_patches(forming.places.len(), core.filter.clone())?;
+                forming.snapshots.push(snapshot);
             }
         }
         refused.push(outcome);
