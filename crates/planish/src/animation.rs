@@ -42,6 +42,8 @@ const SLANT: f64 = 0.75;
 const FROM: [f64; 3] = [0.55, -0.75, 0.5];
 /// A surface faces one way when its normals add up to more than this share of its area.
 const FACING: f64 = 0.5;
+/// The last frame is drawn so large at least, as a share of what has room.
+const SMALLEST: f64 = 0.6;
 /// The light that comes from everywhere, as a share.
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
@@ -128,7 +130,8 @@ pub fn write_forming(
         }
         AnimationOutput::Pictures(path) => {
             let folder = FolderInWork::beside(path)?;
-            let camera = Camera::of(&frames.frames[frames.frames.len() - 1].points, &frames.triangles)?;
+            let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
+            let camera = Camera::of(first, last, &frames.triangles)?;
             for (k, frame) in frames.frames.iter().enumerate() {
                 progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
                 let places = &forming.places[..frames.readings[k].min(forming.places.len())];
@@ -230,7 +233,7 @@ struct Camera {
 }
 
 impl Camera {
-    fn of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
+    fn of(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
         let bounds = BoundingBox::of(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let (mut facing, mut area) = ([0.0; 3], 0.0);
         for t in triangles {
@@ -261,12 +264,17 @@ impl Camera {
             axes: [right, up, forward],
             focal: 1.0,
         };
-        let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
-            let [x, y, _] = camera.project(*p);
-            [most[0].max(x.abs()), most[1].max(y.abs())]
-        });
-        let room = |k: usize| 0.44 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE);
-        camera.focal = room(0).min(room(1));
+        let room = |points: &[[f64; 3]]| {
+            let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
+                let [x, y, _] = camera.project(*p);
+                [most[0].max(x.abs()), most[1].max(y.abs())]
+            });
+            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
+            x.min(y)
+        };
+        // What few readings make may be large: the last frame is not to be small for it.
+        let last = room(points);
+        camera.focal = last.min(room(first).max(SMALLEST * last));
         Ok(camera)
     }
 

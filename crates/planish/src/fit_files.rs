@@ -160,6 +160,12 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
+    // Drawing can be interrupted, writing cannot.
+    let animation = (animation.iter())
+        .zip(&fitted.forming)
+        .map(|(output, forming)| write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.9, 0.95)))
+        .next()
+        .transpose()?;
     let mut written = write(
         job,
         &outputs,
@@ -169,11 +175,6 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         progress,
         &mut report.warnings,
     )?;
-    let animation = (animation.iter())
-        .zip(&fitted.forming)
-        .map(|(output, forming)| write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.95, 1.0)))
-        .next()
-        .transpose()?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
