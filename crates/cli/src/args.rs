@@ -193,6 +193,7 @@ pub enum RefineByName {
     Residuals,
     Curvature,
     Both,
+    Roughness,
 }
 
 impl From<RefineByName> for RefineBy {
@@ -201,6 +202,7 @@ impl From<RefineByName> for RefineBy {
             RefineByName::Residuals => Self::Residuals,
             RefineByName::Curvature => Self::Curvature,
             RefineByName::Both => Self::Both,
+            RefineByName::Roughness => Self::Roughness,
         }
     }
 }
@@ -283,7 +285,8 @@ pub struct FitArgs {
     #[arg(long, value_name = "N", value_parser = depth, allow_negative_numbers = true, help_heading = "Surface")]
     pub max_depth: Option<u8>,
     /// What asks for subdivision: readings that err together where the surface cannot follow them, Gaussian curvature that varies,
-    /// sd(K)/max(|K|, σ_K) > 0.5 beyond what σ_K explains, or either
+    /// sd(K)/max(|K|, σ_K) > 0.5 beyond what σ_K explains, either, or also cells too wide for the roughness found (true σ for surfaces
+    /// that are rough at every scale; slower)
     #[arg(long, value_name = "CAUSE", value_enum, default_value_t = RefineByName::Residuals, help_heading = "Surface")]
     pub refine_by: RefineByName,
     /// No more control vertices than this

@@ -160,7 +160,7 @@ fn criteria_and_depth_are_kept_and_reported() {
                 let unasked = match refine_by {
                     RefineBy::Residuals => Some("curvature"),
                     RefineBy::Curvature => Some("residuals"),
-                    RefineBy::Both => None,
+                    RefineBy::Both | RefineBy::Roughness => None,
                 };
                 assert!(
                     unasked.is_none_or(|cause| !causes.contains(&cause)),

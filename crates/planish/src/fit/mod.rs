@@ -15,6 +15,7 @@ mod noise;
 mod observations;
 mod patch;
 mod refined;
+mod rough;
 mod shared;
 mod smoothing;
 mod stages;

@@ -234,6 +234,9 @@ const NOISE_CLASSES: [u8; 2] = [7, 18];
 /// Classes that are bare earth: ground, and key points of it.
 const GROUND_CLASSES: [u8; 2] = [2, 8];
 
+/// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are missed.
+const LEAST_JUDGED: usize = 30;
+
 /// Points farther from the origin than so many times their size are moved there for the fit.
 const FAR_FROM_ORIGIN: f64 = 8.0;
 
@@ -337,8 +340,9 @@ impl Observations {
                 let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
                 made.oriented
                     .push(known && geometry.as_ref().is_some_and(|g| g.oriented));
+                let spared = scan.points.len() >= LEAST_JUDGED;
                 made.held_out
-                    .push(hash01(options.seed, s as u64, i as u64) < options.held_out_share);
+                    .push(spared && hash01(options.seed, s as u64, i as u64) < options.held_out_share);
                 if let Some(all) = &scan.covariance {
                     covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
                 } else if let Some(all) = &scan.sigma {

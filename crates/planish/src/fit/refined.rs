@@ -14,6 +14,8 @@ pub enum RefineBy {
     Curvature,
     /// Either.
     Both,
+    /// Residuals, and a smoothness that leaves shape finer than the cells: for surfaces that are rough at every scale. Takes up to four times as many cells.
+    Roughness,
 }
 
 impl RefineBy {
@@ -26,7 +28,7 @@ impl RefineBy {
     /// Whether curvature is.
     #[must_use]
     pub fn curvature(self) -> bool {
-        self != Self::Residuals
+        matches!(self, Self::Curvature | Self::Both)
     }
 }
 
@@ -37,6 +39,8 @@ pub(crate) enum Cause {
     Residuals,
     /// Its curvature varies.
     Curvature,
+    /// The smoothness that was found leaves shape finer than it.
+    Roughness,
     /// Beside something that was divided.
     Grading,
     /// A ball grew into the indicator of its points.
@@ -48,6 +52,7 @@ impl Cause {
         match self {
             Self::Residuals => "residuals",
             Self::Curvature => "curvature",
+            Self::Roughness => "roughness",
             Self::Grading => "grading",
             Self::Growth => "growth",
         }
@@ -61,7 +66,7 @@ pub struct LevelRefinement {
     pub level: usize,
     /// How many cells (of the patch filter: patches) were divided into four.
     pub divided: usize,
-    /// The same by cause: `residuals`, `curvature`, `grading` beside something that was divided, `growth` of a ball into its points.
+    /// The same by cause: `residuals`, `curvature`, `roughness`, `grading` beside something that was divided, `growth` of a ball into its points.
     pub causes: BTreeMap<&'static str, usize>,
 }
 

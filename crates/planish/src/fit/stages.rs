@@ -12,7 +12,8 @@ use super::invented::share_errors;
 use super::noise::SensorNoise;
 use super::observations::{Observations, Quantity};
 use super::patch::Fused;
-use super::refined::{Cause, RefinementLog};
+use super::refined::{Cause, RefineBy, RefinementLog};
+use super::rough::too_coarse;
 use crate::progress::Progress;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
@@ -396,6 +397,10 @@ pub(super) fn refine_to_noise(
         if options.tolerance.is_some() && verdict.is_empty() {
             reached_tolerance = true;
         }
+        // What the readings show comes first.
+        if options.refine_by == RefineBy::Roughness && verdict.len() < few(space) {
+            verdict.extend(too_coarse(&surface, &feet, &kept, weight_now, deepest(options)));
+        }
         if verdict.len() < few(space) {
             final_round = true;
             continue;
@@ -484,15 +489,20 @@ fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
 /// The weight of the thin plate that smooths over a length: information of positions an area, times the length to the fourth; of slopes to the
 /// second, of curvatures as it is.
 pub(super) fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
-    let over = |quantity: Quantity| match quantity {
-        Quantity::Position => length.powi(4),
-        Quantity::Normal => length.powi(2),
-        Quantity::Curvature => 1.0,
-    };
     (feet.iter().zip(information))
-        .map(|(foot, w)| w * over(foot.quantity))
+        .map(|(foot, &w)| smoothing_information(foot.quantity, w, length))
         .sum::<f64>()
         / area
+}
+
+/// A reading's part in that.
+pub(super) fn smoothing_information(quantity: Quantity, information: f64, length: f64) -> f64 {
+    information
+        * match quantity {
+            Quantity::Position => length.powi(4),
+            Quantity::Normal => length.powi(2),
+            Quantity::Curvature => 1.0,
+        }
 }
 
 /// To start the search for the weight: a stiff start would undo what growth has found, a soft one would follow few readings anywhere.
@@ -551,7 +561,7 @@ pub(super) fn weights(
 pub(super) struct Misfit {
     pub leaf: usize,
     pub cause: Cause,
-    /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature varies.
+    /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature varies; or how much too wide it is.
     pub severity: f64,
     /// Signs of the corner where it is worst.
     pub corner: [f64; 2],
@@ -602,7 +612,7 @@ fn log_divisions(log: &mut RefinementLog, space: &Hierarchy, finer: &Hierarchy, 
         let own = misfits.iter().filter(|m| m.cause == cause);
         blocks(space, own).into_iter().collect()
     };
-    let (residuals, curvature) = (of(Cause::Residuals), of(Cause::Curvature));
+    let (residuals, curvature, roughness) = (of(Cause::Residuals), of(Cause::Curvature), of(Cause::Roughness));
     let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
     for (leaf, cell) in space
         .leaves()
@@ -614,6 +624,8 @@ fn log_divisions(log: &mut RefinementLog, space: &Hierarchy, finer: &Hierarchy, 
             Cause::Residuals
         } else if curvature.contains(&leaf) {
             Cause::Curvature
+        } else if roughness.contains(&leaf) {
+            Cause::Roughness
         } else {
             Cause::Grading
         };

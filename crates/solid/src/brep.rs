@@ -1,0 +1,1 @@
+//! Solids as faces on analytic surfaces.

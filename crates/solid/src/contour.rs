@@ -1,0 +1,1 @@
+//! Contours of things, seen by a ranging sensor of uncertain pose.

@@ -1,0 +1,18 @@
+//! Contours with their covariance, geometric constraints, views, and the solids that they mean.
+//!
+//! Three parts, each usable by itself:
+//!
+//! | module | what |
+//! |---|---|
+//! | [`contour`] | which shape a ranging sensor of uncertain pose saw, its dimensions and their covariance |
+//! | [`constraint`] | what holds between the parts of a drawing, found, imposed, counted; and its graphs |
+//! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: made, checked, tessellated |
+//! | [`views`] | every solid that two or three orthographic views can mean |
+//!
+//! # References
+//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a moving sensor*.
+
+pub mod brep;
+pub mod constraint;
+pub mod contour;
+pub mod views;
