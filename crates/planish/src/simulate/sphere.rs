@@ -264,13 +264,16 @@ pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Forming>
         weight: setting.weight(&positions)?,
         hold: HOLD,
     };
-    let mut forming = Forming::default();
-    forming.places = (positions.iter())
+    let places = (positions.iter())
         .filter_map(|reading| match reading {
             SurfaceReading::Position { point, .. } => Some(*point),
             _ => None,
         })
         .collect();
+    let mut forming = Forming {
+        places,
+        snapshots: Vec::new(),
+    };
     let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
     let mut taken = 0;
     let filter = setting.filtered(&positions, prior, options.depth, |filter| {
