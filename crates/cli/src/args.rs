@@ -3,7 +3,7 @@
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
-use planish::fit::{Filter, RefineBy};
+use planish::fit::{Filter, RefineBy, ThingMotion};
 use planish::next::Length;
 use planish::propagate::SymmetryChoice;
 use planish::{Shape, SymmetryKind, Unit};
@@ -129,6 +129,16 @@ impl From<ShapeName> for Shape {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MotionName {
     Rigid,
+    Bend,
+}
+
+impl From<MotionName> for ThingMotion {
+    fn from(name: MotionName) -> Self {
+        match name {
+            MotionName::Rigid => Self::Rigid,
+            MotionName::Bend => Self::Bend,
+        }
+    }
 }
 
 /// How gaps are completed.
@@ -224,6 +234,8 @@ Examples:
   planish fit tile.laz --ground -o ground.tif
   planish fit vessel/job.toml --symmetry rotation:full -o whole.ply
   planish fit examples/data/pebble/job.toml --filter patch --max-depth 3 -o part.planish
+  planish fit bending/job.toml --motion bend -o sheet.planish
+  planish fit examples/data/pebble/job.toml --animate pebble.glb
 
 Scans are .ply, .pcd, .e57, .las, .laz, .obj, .stl, .glb, .npy, .npz, .xyz, .txt, .asc, .csv or .pts, and depth images .png or .tif with \
 the camera's calibration in a .toml of the same name; lists of scans with their poses are .conf (VRIP) or .toml (a job, which also \
@@ -307,11 +319,20 @@ pub struct FitArgs {
           conflicts_with_all = ["update", "known_uv"])]
     pub symmetry: Option<SymmetryChoice>,
 
-    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds): rigid finds its poses and its velocity;
-    /// the model is the thing as the first scan met it
+    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds). rigid finds its poses and its velocity;
+    /// the model is the thing as the first scan met it. bend follows a sheet that bends without stretch from state to state (scans of one time are one
+    /// state; without times, files in order): lengths along it stay, what a scan missed is carried there from other times (`observed` = 2), and the model is
+    /// the sheet at the last time; a sheet that stretched is told
     #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv", "ground"])]
     pub motion: Option<MotionName>,
+    /// With --motion bend: write the sheet at every time to this folder, as state-1.planish and state-1.ply, and so on
+    #[arg(long, value_name = "DIR", requires = "motion", help_heading = "Completion", value_hint = ValueHint::DirPath)]
+    pub states: Option<PathBuf>,
+    /// Show the model forming, reading by reading: a .glb file with an animation, or a new folder of pictures frame_0001.png and so on. Colours are σ,
+    /// from dark violet (small) to yellow (large); in the pictures orange dots are the readings so far
+    #[arg(long, value_name = "OUT.glb|DIR", conflicts_with_all = ["update", "known_uv", "ground"], value_hint = ValueHint::AnyPath)]
+    pub animate: Option<PathBuf>,
     /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with its uncertainty, and that of which it is
     #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion", conflicts_with_all = ["update", "known_uv"])]
     pub complete: Option<Completion>,
@@ -672,6 +693,9 @@ pub struct SphereArgs {
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true,
           help_heading = "Sphere")]
     pub orientation_deg: f64,
+    /// Show the sphere forming from a cylinder, reading by reading, by the patch filter: a .glb file with an animation, or a new folder of pictures
+    #[arg(long, value_name = "OUT.glb|DIR", help_heading = "Sphere", value_hint = ValueHint::AnyPath)]
+    pub animate: Option<PathBuf>,
 
     /// Options that every command has.
     #[command(flatten)]
@@ -699,6 +723,8 @@ pub enum Scene {
     Vessel(VesselArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
+    /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole
+    Bending(BendingArgs),
 }
 
 const PICTURE_EXAMPLES: &str = "\
@@ -814,6 +840,40 @@ pub struct TurningArgs {
     /// Degrees by which the table turns in a second
     #[arg(long, value_name = "DEG", default_value_t = 6.0, value_parser = positive, allow_negative_numbers = true)]
     pub rate: f64,
+    /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub sigma: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const BENDING_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene bending --states 4 --out bending
+  planish fit bending/job.toml --motion bend -o sheet.planish
+  planish compare sheet.planish bending/truth.ply
+  planish compare sheet.planish bending/truth.ply --part completed
+
+The folder then holds job.toml (with the time of each scan), a .ply file for each, truth.ply (the sheet at the last time), truth-1.ply and so on (at each) and \
+truth.json (the formulas). The last scan misses a disc of the sheet, which the others saw. With --stretch the sheet does stretch, and `fit` says so.";
+
+/// Arguments of `planish simulate scene bending`.
+#[derive(Debug, Args)]
+#[command(after_help = BENDING_EXAMPLES)]
+pub struct BendingArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Readings of all scans together, about
+    #[arg(long, value_name = "N", default_value_t = 40_000, value_parser = whole, allow_negative_numbers = true)]
+    pub readings: usize,
+    /// States of the sheet, one a second; the first is flat
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole, allow_negative_numbers = true)]
+    pub states: usize,
+    /// Largest share by which lengths along the sheet grow in a bulge, from 0 (it only bends) to 0.2
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
+    pub stretch: f64,
     /// True σ of the laser along its rays, in --unit; half of it holds across [default: 0.1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: Option<f64>,

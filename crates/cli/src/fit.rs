@@ -1,14 +1,15 @@
 //! `planish fit`.
 
-use crate::args::{Completion, FitArgs, MotionName};
+use crate::args::{Completion, FitArgs};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use clap::ValueEnum;
-use planish::fit::{Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy};
+use planish::animation::AnimationReport;
+use planish::fit::{Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ThingMotion};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
-use planish::propagate::{GapReport, SymmetryChoice, SymmetryReport};
+use planish::propagate::{BendingReport, GapReport, SymmetryChoice, SymmetryReport};
 use planish::{Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ struct Body {
     /// Seconds without reading and writing.
     fit_seconds: f64,
     written: Vec<WrittenFile>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    animation: Option<AnimationReport>,
 }
 
 /// Runs the command; returns the exit code.
@@ -49,7 +52,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             refine_by: args.refine_by.into(),
             max_coefficients: args.max_coefficients,
             symmetry: args.symmetry,
-            rigid_motion: args.motion == Some(MotionName::Rigid),
+            motion: args.motion.map(ThingMotion::from),
             complete_smooth: args.complete == Some(Completion::Smooth),
             gate: args.gate,
             held_out_share: args.held_out,
@@ -58,6 +61,8 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         },
         mesh_tolerance: args.mesh_tolerance,
         cell_size: args.cell_size,
+        states: args.states.clone(),
+        animation: args.animate.clone(),
         arguments: deciding_arguments(args),
     };
     let done = fit_files(&job, progress)?;
@@ -65,13 +70,16 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         text: text(args, &done),
         unit: Some(done.unit),
         inputs: read(args, &done),
-        outputs: done.written.iter().map(|w| w.file.clone()).collect(),
+        outputs: (done.written.iter().map(|w| w.file.clone()))
+            .chain(done.animation.iter().map(|a| a.file.clone()))
+            .collect(),
         warnings: done.fit.warnings.clone(),
         body: Body {
             fit: done.fit,
             observations_of_all_sessions: done.observations_of_all_sessions,
             fit_seconds: done.fit_seconds,
             written: done.written,
+            animation: done.animation,
         },
     })
 }
@@ -89,6 +97,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     if args.align {
         all.push("--align".to_owned());
     }
+    let value_name = |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
     let mut option = |name: &str, value: Option<String>| {
         if let Some(value) = value {
             all.extend([name.to_owned(), value]);
@@ -101,7 +110,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
-    option("--motion", args.motion.map(|_| "rigid".to_owned()));
+    option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(named));
     option("--tolerance", args.tolerance.map(|t| t.to_string()));
@@ -109,7 +118,6 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
         "--max-coefficients",
         (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
     );
-    let value_name = |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
     option("--filter", args.filter.and_then(|f| value_name(f.to_possible_value())));
     option("--max-depth", args.max_depth.map(|d| d.to_string()));
     option(
@@ -191,11 +199,19 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     sensors(&mut lines, fit, *unit);
     poses(&mut lines, fit, *unit);
     lines.gap();
-    if done.written.is_empty() {
+    if done.written.is_empty() && done.animation.is_none() {
         lines.line("Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.");
     }
     for file in &done.written {
         lines.line(format!("Wrote {}: {}", file.file.display(), contents(file, *unit)));
+    }
+    if let Some(AnimationReport { file, readings, .. }) = &done.animation {
+        let [first, last] = [readings.first(), readings.last()].map(|n| count(n.copied().unwrap_or(0)));
+        lines.line(format!(
+            "Wrote {}: {} of the model forming, from {first} to {last} readings",
+            file.display(),
+            counted(readings.len(), "frame")
+        ));
     }
     lines.into_text()
 }
@@ -261,6 +277,9 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
             return;
         }
     }
+    if let Some(bending) = &found.bending {
+        return bent(lines, bending, unit);
+    }
     for gap in found.gaps.iter().take(GAPS_SHOWN) {
         lines.line(gap_line(gap, unit));
     }
@@ -272,6 +291,40 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
         percent(found.invented_area_fraction),
         counted(found.pseudo_readings, "reading")
     ));
+}
+
+/// State by state, what is left over and how well lengths were kept.
+fn bent(lines: &mut Lines, bending: &BendingReport, unit: Unit) {
+    let rows: Vec<Vec<String>> = (bending.states.iter().enumerate())
+        .map(|(k, state)| {
+            let [e, f, g] = state.largest_change.map(|change| significant(100.0 * change, 2));
+            vec![
+                state.time_s.map_or((k + 1).to_string(), |time| format!("{time} s")),
+                count(state.observations),
+                significant(state.rms, 3),
+                significant(state.sigma, 3),
+                if k == 0 {
+                    "reference".to_owned()
+                } else {
+                    format!("{e}, {f}, {g}")
+                },
+                percent(state.carried_area_fraction),
+                if state.isometric { "yes" } else { "no" }.to_owned(),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("state", Align::Left),
+            ("readings", Align::Right),
+            (&format!("rms / {unit}"), Align::Right),
+            ("σ", Align::Right),
+            ("most change of E, F, G / %", Align::Right),
+            ("carried", Align::Right),
+            ("isometric", Align::Left),
+        ],
+        &rows,
+    );
 }
 
 /// Gaps that are told one by one.

@@ -1,13 +1,15 @@
 //! `planish simulate`.
 
-use crate::args::{PictureArgs, ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, TurningArgs, VesselArgs};
+use crate::args::{
+    BendingArgs, PictureArgs, ScansArgs, Scene, SimulateArgs, Simulated, SphereArgs, TurningArgs, VesselArgs,
+};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
-    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS, ScanSceneOptions,
-    ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions, VesselOptions, write_picture_scene,
-    write_scans_scene, write_sphere, write_turning_scene, write_vessel_scene,
+    BendingOptions, PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS,
+    ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions, VesselOptions,
+    write_bending_scene, write_picture_scene, write_scans_scene, write_sphere, write_turning_scene, write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -36,6 +38,9 @@ pub fn run(args: &SimulateArgs) -> u8 {
             }),
             Scene::Turning(args) => report::run("simulate scene turning", &args.common, |progress| {
                 turning(args, progress)
+            }),
+            Scene::Bending(args) => report::run("simulate scene bending", &args.common, |progress| {
+                bending(args, progress)
             }),
             Scene::Vessel(args) => {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
@@ -138,12 +143,12 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         noise_divides: args.noise_divides,
         ..usual
     };
-    let rows = write_sphere(&options, &args.out, progress)?;
+    let rows = write_sphere(&options, &args.out, args.animate.as_deref(), progress)?;
     Ok(Summary {
         text: sphere_text(args, &options, &rows),
         unit: None,
         inputs: Vec::new(),
-        outputs: args.out.clone(),
+        outputs: args.out.iter().chain(&args.animate).cloned().collect(),
         warnings: Vec::new(),
         body: SphereBody {
             rows,
@@ -190,7 +195,12 @@ fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -
         &table,
     );
     lines.gap();
-    let names: Vec<String> = args.out.iter().map(|path| path.display().to_string()).collect();
+    let names: Vec<String> = args
+        .out
+        .iter()
+        .chain(&args.animate)
+        .map(|path| path.display().to_string())
+        .collect();
     lines.line(format!("Wrote {}.", names.join(", ")));
     lines.into_text()
 }
@@ -238,6 +248,19 @@ fn turning(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<Body>>
     };
     let made = write_turning_scene(&options, &args.out, progress)?;
     Ok(summary(&args.out, made, options.unit, [" --motion rigid", ""]))
+}
+
+fn bending(args: &BendingArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let options = BendingOptions {
+        seed: args.common.seed,
+        readings: args.readings,
+        states: args.states,
+        stretch: args.stretch,
+        sigma: args.sigma,
+        unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
+    };
+    let made = write_bending_scene(&options, &args.out, progress)?;
+    Ok(summary(&args.out, made, options.unit, [" --motion bend", ""]))
 }
 
 /// `how` are the options of `fit` and of `compare` that suit the scene.

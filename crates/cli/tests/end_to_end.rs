@@ -306,3 +306,57 @@ fn a_turning_thing_is_followed() {
     let [rate, sigma] = [0, 1].map(|k: usize| rate[k].as_f64().expect("a number"));
     assert!((rate - 6.0).abs() < 4.0 * sigma && sigma < 0.3, "{rate} ± {sigma}");
 }
+
+#[test]
+fn a_bending_sheet_is_followed_and_its_forming_is_drawn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |args: &[&str]| planish(folder.path(), args).ok();
+    run(&[
+        "simulate",
+        "scene",
+        "bending",
+        "--readings",
+        "8000",
+        "--states",
+        "3",
+        "--out",
+        "b",
+    ]);
+    let found = run(&[
+        "fit",
+        "b/job.toml",
+        "--motion",
+        "bend",
+        "--states",
+        "states",
+        "-o",
+        "b.planish",
+        "--json",
+    ])
+    .json();
+    let bending = &found["propagation"]["bending"];
+    assert_eq!(bending["isometric"], true, "{bending:#}");
+    assert_eq!(bending["states"].as_array().expect("states").len(), 3);
+    assert!(folder.path().join("states/state-2.ply").is_file());
+    let judged = run(&["compare", "states/state-2.planish", "b/truth-2.ply", "--json"]).json();
+    assert!(judged["coverage95"].as_f64().expect("a share") > 0.85, "{judged:#}");
+    // The model goes on only together with its states.
+    let refused = planish(folder.path(), &["fit", "b/laser-1.ply", "--update", "b.planish"]);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("--motion bend"), "{}", refused.stderr);
+
+    run(&["fit", "b/laser-3.ply", "--animate", "forming.glb"]);
+    let told = run(&["info", "forming.glb"]).stdout;
+    assert!(told.contains("triangles"), "{told}");
+    run(&["fit", "b/laser-3.ply", "--filter", "patch", "--animate", "frames"]);
+    let frames = std::fs::read_dir(folder.path().join("frames"))
+        .expect("a folder")
+        .count();
+    assert!((12..=25).contains(&frames), "{frames}");
+    let refused = planish(folder.path(), &["fit", "b/laser-3.ply", "--animate", "frames"]);
+    assert!(
+        refused.stderr.contains("needed a new or an empty folder"),
+        "{}",
+        refused.stderr
+    );
+}

@@ -30,6 +30,7 @@ fn help_of_every_command() {
         ("simulate_scene_grid", &["simulate", "scene", "grid", "--help"]),
         ("simulate_scene_vessel", &["simulate", "scene", "vessel", "--help"]),
         ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
+        ("simulate_scene_bending", &["simulate", "scene", "bending", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
     }
@@ -56,6 +57,7 @@ fn examples_of_the_help_are_commands_that_parse() {
         "simulate scene stereo",
         "simulate scene vessel",
         "simulate scene turning",
+        "simulate scene bending",
         "simulate sphere",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();

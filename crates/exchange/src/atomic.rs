@@ -165,6 +165,82 @@ pub fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
 }
 
+/// A folder of files that is whole or not there: it is filled under a temporary name beside its place, and renamed when it is finished.
+///
+/// Dropped before that, it is removed with all that is in it.
+#[derive(Debug)]
+pub struct FolderInWork {
+    made: tempfile::TempDir,
+    target: PathBuf,
+}
+
+impl FolderInWork {
+    /// Checks that a folder can be made under this path: nothing is there yet, or an empty folder.
+    ///
+    /// # Errors
+    /// [`Io`](planish_estimate::ErrorKind::Io) where a file or a folder with files is in the way, or no folder can be made there.
+    pub fn check(path: &Path) -> Result<()> {
+        Self::beside(path).map(drop)
+    }
+
+    /// Begins a folder beside this path. Folders above it are made.
+    ///
+    /// # Errors
+    /// As for [`FolderInWork::check`].
+    pub fn beside(path: &Path) -> Result<Self> {
+        let in_the_way = |what: &str| {
+            Error::io(format!(
+                "{}: needed a new or an empty folder, found {what}: choose another name, or move it away",
+                path.display()
+            ))
+        };
+        if path.exists() && !path.is_dir() {
+            return Err(in_the_way("a file"));
+        }
+        if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(in_the_way("one with files in it"));
+        }
+        // A name that ends in a slash is that of the folder all the same.
+        let target: PathBuf = path.components().collect();
+        let folder = folder_of(&target);
+        make_folder(&folder)?;
+        let made = tempfile::Builder::new()
+            .prefix(".planish-")
+            .suffix(".part")
+            .tempdir_in(&folder)
+            .map_err(|e| not_made(path, &folder, &e))?;
+        Ok(Self { made, target })
+    }
+
+    /// Where files are to be put until it is finished.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.made.path()
+    }
+
+    /// Gives the folder its name.
+    ///
+    /// # Errors
+    /// [`Io`](planish_estimate::ErrorKind::Io) where something has come in the way since; the files are removed then.
+    pub fn finish(self) -> Result<()> {
+        let failed = |e: io::Error| could_not_write(&self.target, e);
+        #[cfg(unix)]
+        {
+            // As any program would make it: temporary folders are for their owner alone.
+            use std::os::unix::fs::PermissionsExt;
+            fs::set_permissions(self.made.path(), fs::Permissions::from_mode(0o755)).map_err(failed)?;
+        }
+        // An empty folder of that name gives way.
+        if self.target.is_dir() {
+            fs::remove_dir(&self.target).map_err(failed)?;
+        }
+        fs::rename(self.made.path(), &self.target).map_err(failed)?;
+        // What was renamed is no longer there to be removed.
+        let _ = self.made.keep();
+        Ok(())
+    }
+}
+
 /// The folder that holds a path.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
@@ -289,5 +365,26 @@ mod tests {
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         write_atomically(Path::new("/dev/null"), |w| w.write_all(b"gone")).unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    }
+
+    #[test]
+    fn a_folder_appears_when_it_is_finished_and_leaves_nothing_behind_when_it_is_not() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("frames/");
+        let folder = FolderInWork::beside(&path).unwrap();
+        fs::write(folder.path().join("a"), "a").unwrap();
+        assert!(!path.exists());
+        drop(folder);
+        assert!(names(place.path()).is_empty());
+        fs::create_dir(&path).unwrap();
+        let folder = FolderInWork::beside(&path).unwrap();
+        fs::write(folder.path().join("a"), "a").unwrap();
+        folder.finish().unwrap();
+        assert_eq!(
+            (names(place.path()), names(&path)),
+            (vec!["frames".to_owned()], vec!["a".to_owned()])
+        );
+        let e = FolderInWork::check(&path).unwrap_err();
+        assert!(e.to_string().contains("files in it"), "{e}");
     }
 }

@@ -53,7 +53,7 @@ mod scans;
 mod source;
 mod unit;
 
-pub use atomic::{Writer, check_writable, make_folder, real_path, write_atomically};
+pub use atomic::{FolderInWork, Writer, check_writable, make_folder, real_path, write_atomically};
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::extension;

@@ -116,8 +116,23 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
 /// # Errors
 /// `Input` where there are not as many values as pixels; `Io` when the file cannot be written; nothing is left half-written.
 pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -> Result<()> {
+    write_png(path, [columns, rows], png::ColorType::Grayscale, values)
+}
+
+/// Writes red, green and blue from 0 to 255 of columns × rows pixels, row by row, as a PNG of 8 bits a channel.
+///
+/// # Errors
+/// As for [`write_grey_png`].
+pub fn write_colour_png(path: &Path, size: [usize; 2], values: &[u8]) -> Result<()> {
+    write_png(path, size, png::ColorType::Rgb, values)
+}
+
+fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, values: &[u8]) -> Result<()> {
+    let wanted = columns
+        .checked_mul(rows)
+        .and_then(|pixels| pixels.checked_mul(kind.samples()));
     let size = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
-    let Some((width, height)) = size.filter(|_| columns * rows == values.len() && !values.is_empty()) else {
+    let Some((width, height)) = size.filter(|_| wanted == Some(values.len()) && !values.is_empty()) else {
         return Err(Error::input(format!(
             "{}: needed {columns} × {rows} pixels, found {} values",
             path.display(),
@@ -126,7 +141,7 @@ pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -
     };
     write_atomically(path, |writer| {
         let mut encoder = png::Encoder::new(writer, width, height);
-        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_color(kind);
         let mut out = encoder.write_header()?;
         out.write_image_data(values)?;
         Ok(out.finish()?)

@@ -3,8 +3,9 @@
 //! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked before anything is read,
 //! and written when everything else has succeeded.
 
+use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::domain::check_domain;
-use crate::fit::{FitOptions, FitReport, GroundWidth, fit, update};
+use crate::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
 use crate::model::{Posterior, SurfaceModel};
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
@@ -12,7 +13,7 @@ use crate::output::{
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_exchange::{InputFile, ScanSet, Unit, extension, read_inputs};
+use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_spline::Shape;
 use std::path::PathBuf;
@@ -41,6 +42,10 @@ pub struct FitJob {
     pub mesh_tolerance: Option<f64>,
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
     pub cell_size: Option<f64>,
+    /// Of a sheet that bends: a folder for the sheet at every time.
+    pub states: Option<PathBuf>,
+    /// A .glb file or a folder of pictures that shows how the model formed, reading by reading.
+    pub animation: Option<PathBuf>,
     /// The arguments that decide the answer, for the saved model's provenance.
     pub arguments: Vec<String>,
 }
@@ -56,6 +61,8 @@ pub struct FitJobReport {
     pub inputs: Vec<InputFile>,
     /// What was written.
     pub written: Vec<WrittenFile>,
+    /// How the model formed, where that was asked for.
+    pub animation: Option<AnimationReport>,
     /// Readings of all sessions that the model holds.
     pub observations_of_all_sessions: usize,
     /// Seconds that the fit itself took: without reading and writing files.
@@ -85,6 +92,18 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     check_settings(job)?;
     let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
     let outputs = plan_outputs(&job.outputs, &named)?;
+    if let Some(folder) = &job.states {
+        if job.options.motion != Some(ThingMotion::Bend) {
+            return Err(Error::input(format!(
+                "{}: states are those of a sheet that bends: needed --motion bend",
+                folder.display()
+            )));
+        }
+        make_folder(folder)?;
+    }
+    let animation = (job.animation.as_ref())
+        .map(|path| AnimationOutput::plan(path, &named))
+        .transpose()?;
     progress.check("reading", 0.0)?;
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
@@ -102,8 +121,12 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     progress.check("reading", 0.05)?;
     let fitting = Part::new(progress, 0.05, 0.9);
     let start = Instant::now();
+    let options = FitOptions {
+        snapshots: animation.as_ref().map(|_| FRAMES),
+        ..job.options.clone()
+    };
     let fitted = match &earlier {
-        None => fit(&set, &job.options, &fitting),
+        None => fit(&set, &options, &fitting),
         Some(earlier) => update(&earlier.model, &set, &job.options, &fitting),
     };
     let fit_seconds = start.elapsed().as_secs_f64();
@@ -128,7 +151,22 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
             .push("no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned());
     }
     report.warnings.extend(unclassified(job, &set));
-    let written = write(
+    let states = states_to_write(job, &fitted)?;
+    let mut states_prepared = Vec::with_capacity(states.len());
+    for (state, outputs) in &states {
+        let options = OutputOptions {
+            mesh_tolerance: job.mesh_tolerance,
+            ..OutputOptions::default()
+        };
+        states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
+    }
+    // Drawing can be interrupted, writing cannot.
+    let animation = (animation.iter())
+        .zip(&fitted.forming)
+        .map(|(output, forming)| write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.9, 0.95)))
+        .next()
+        .transpose()?;
+    let mut written = write(
         job,
         &outputs,
         &set,
@@ -137,15 +175,33 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         progress,
         &mut report.warnings,
     )?;
+    for prepared in &states_prepared {
+        written.extend(prepared.write(&[session(job, &set)])?);
+    }
     progress.advance("done", 1.0);
     Ok(FitJobReport {
         fit: report,
         unit: fitted.model.unit,
         inputs: set.inputs,
         written,
+        animation,
         observations_of_all_sessions: fitted.model.observations,
         fit_seconds,
     })
+}
+
+/// The states of a sheet and their files, where these were asked for.
+fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Vec<PlannedOutput>)>> {
+    let Some(folder) = &job.states else {
+        return Ok(Vec::new());
+    };
+    let all = fitted.earlier_states.iter().chain([fitted]);
+    all.enumerate()
+        .map(|(k, state)| {
+            let name = |extension: &str| folder.join(format!("state-{}.{extension}", k + 1));
+            Ok((state, plan_outputs(&[name("planish"), name("ply")], &job.inputs)?))
+        })
+        .collect()
 }
 
 fn write(

@@ -2,6 +2,7 @@
 //!
 //! The jobs of Planish as functions. `planish-cli` parses a command line, calls them and prints.
 
+pub mod animation;
 pub mod brep;
 pub mod compare;
 pub mod dem;

@@ -168,6 +168,9 @@ pub struct SurfaceModel {
     pub patches: Option<Arc<PatchFilter>>,
     /// What the readings of whole scans err in together; none where every pose was exact.
     pub shared: Option<SharedInformation>,
+    /// Whether vertices move in every direction, because more than readings of position holds them: of a sheet that bends without stretch,
+    /// `prior` knows the lengths.
+    pub moves_freely: bool,
 }
 
 /// The posterior covariance of a model's shape, ready for questions.
@@ -209,6 +212,8 @@ pub enum Motion {
     Along(Vec<[f64; 3]>),
     /// The coordinates independently of each other, each with so many times the covariance.
     Coordinates([f64; 3]),
+    /// Three unknowns a node.
+    Freely,
 }
 
 /// The covariance of one leaf's nodes: for the many points of one leaf.
@@ -286,6 +291,12 @@ impl SurfaceModel {
                 measured,
                 1.0,
             ));
+        }
+        if self.moves_freely {
+            let mut total = self.data.on_pattern(system.pattern())?;
+            total.add_scaled(&self.prior.on_pattern(system.pattern())?, 1.0)?;
+            let factor = system.factorize(&total)?;
+            return Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), Motion::Freely));
         }
         let directions = system.node_normals(&self.surface);
         let mut total = system.contract(&self.data, &directions)?;
@@ -385,6 +396,7 @@ impl NodeCovariance {
         };
         match motion {
             Motion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
+            Motion::Freely => inverse.trace_with(information),
             Motion::Coordinates(scales) => (0..3)
                 .filter(|&d| scales[d] > 0.0)
                 .map(|d| {
@@ -448,6 +460,7 @@ impl<'a> Posterior<'a> {
             motion: match motion {
                 Motion::Along(directions) => Motion::Along(nodes.iter().map(|&n| directions[n as usize]).collect()),
                 Motion::Coordinates(scales) => Motion::Coordinates(*scales),
+                Motion::Freely => Motion::Freely,
             },
             covariance,
         })
@@ -529,6 +542,12 @@ impl LeafCovariance<'_> {
             Motion::Coordinates(scales) => (
                 self.weights.iter().map(at_point).collect(),
                 (0..3).map(|d| scales[d] * a[d] * a[d]).sum(),
+            ),
+            Motion::Freely => (
+                (self.weights.iter().map(at_point))
+                    .flat_map(|w| a.map(|c| w * c))
+                    .collect(),
+                1.0,
             ),
         };
         let mut along = vec![0.0; row.len()];

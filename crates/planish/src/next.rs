@@ -283,6 +283,11 @@ impl Prepared {
                 "the model is one of the patch filter, which does not know how far apart places vary together: needed one of `fit --filter global`",
             ));
         }
+        if model.moves_freely {
+            return Err(Error::unsupported(
+                "the model is a state of a sheet that bends, whose vertices move in every direction: needed one of `fit` without --motion bend",
+            ));
+        }
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
         let directions = match model.measured_coordinates {

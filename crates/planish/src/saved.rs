@@ -28,7 +28,7 @@
 //! | `patch_initial`, `patch_metric` | B × 3, f64 | vertices over the base grid: the first surface, and that in whose metric smoothness is meant |
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`, `poses` (names and σ) and
-//! `provenance`: one entry for each session that went in; where parameters were known also `measured_coordinates`, where patches fused them `patch_filter`.
+//! `provenance`: one entry for each session that went in; where parameters were known also `measured_coordinates`, of a sheet that bends `moves_freely`, where patches fused them `patch_filter`.
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
 
@@ -92,6 +92,8 @@ struct Metadata {
     provenance: Vec<Session>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     measured_coordinates: Option<[bool; 3]>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    moves_freely: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     patch_filter: Option<patches::Notes>,
 }
@@ -203,6 +205,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             .collect(),
         provenance: provenance.to_vec(),
         measured_coordinates: model.measured_coordinates,
+        moves_freely: model.moves_freely,
         patch_filter: model.patches.as_deref().map(patches::Notes::of),
     };
     let metadata =
@@ -502,6 +505,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         poses: poses.collect(),
         shared: tensors.shared(space.node_count())?,
         measured_coordinates: metadata.measured_coordinates,
+        moves_freely: metadata.moves_freely,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };

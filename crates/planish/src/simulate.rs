@@ -13,6 +13,7 @@
 //! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | bending | the scene `bending`: a sheet that bends without stretch between scans |
 //! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
@@ -27,6 +28,7 @@
 //! # }
 //! ```
 
+mod bending;
 mod figure;
 mod form;
 #[cfg(test)]
@@ -44,7 +46,8 @@ mod virtual_sensor;
 #[cfg(test)]
 mod tests;
 
-pub use form::{BallBump, BallForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
+pub use bending::{BendingOptions, bending, in_bending_hole, write_bending_scene};
+pub use form::{BallBump, BallForm, BentForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
 pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
 };
@@ -53,7 +56,7 @@ pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
     write_scan_scene, write_scans_scene,
 };
-pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, write_sphere};
+pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, sphere_forming, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use turning::{TurningOptions, turning, write_turning_scene};
 pub use vessel::{VesselOptions, vessel, write_vessel_scene};

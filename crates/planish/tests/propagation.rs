@@ -6,13 +6,15 @@
 mod common;
 
 use common::probed;
-use planish::fit::{Fit, FitOptions, fit};
+use planish::fit::{Filter, Fit, FitOptions, ThingMotion, fit};
 use planish::model::{Observed, Posterior};
 use planish::progress::Silent;
 use planish::propagate::SymmetryChoice;
-use planish::simulate::{TurningOptions, VesselOptions, turning, vessel};
+use planish::simulate::{
+    BendingOptions, ScanScene, TurningOptions, VesselOptions, bending, in_bending_hole, turning, vessel,
+};
 use planish::{Shape, SymmetryKind};
-use planish_estimate::vector3::{add_scaled, cross, scale, unit};
+use planish_estimate::vector3::{add_scaled, cross, distance, scale, unit};
 use planish_sense::Pose;
 use planish_spline::{FootPointSearch, ProjectionOptions};
 use rand::{RngExt as _, SeedableRng};
@@ -240,7 +242,7 @@ fn pose_and_rate_of_a_turning_thing_lie_within_their_sigma() {
         })
         .unwrap();
         let options = FitOptions {
-            rigid_motion: true,
+            motion: Some(ThingMotion::Rigid),
             ..FitOptions::default()
         };
         let fitted = fit(&scene.set, &options, &Silent).unwrap();
@@ -285,9 +287,238 @@ fn a_moving_thing_needs_times() {
     .unwrap();
     scene.set.scans[1].scan.time_s = None;
     let options = FitOptions {
-        rigid_motion: true,
+        motion: Some(ThingMotion::Rigid),
         ..FitOptions::default()
     };
     let error = fit(&scene.set, &options, &Silent).err().unwrap();
     assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
+}
+
+fn bend() -> FitOptions {
+    FitOptions {
+        motion: Some(ThingMotion::Bend),
+        ..FitOptions::default()
+    }
+}
+
+/// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or all others.
+fn true_sheet(scene: &ScanScene, hole: bool) -> Vec<([f64; 3], [f64; 3])> {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let points = scene.truth.sample_area_uniform(4000, &mut rng);
+    let wanted = points.iter().filter(|p| {
+        let inside = p.parameters.iter().all(|c| (0.02..0.98).contains(c));
+        inside && in_bending_hole(p.parameters, if hole { -0.02 } else { 0.02 }) == hole
+    });
+    wanted.map(|p| (p.position, p.normal)).collect()
+}
+
+#[test]
+fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
+    let mut in_hole = (0.0, 0.0);
+    let seeds = [1, 2, 3];
+    for seed in seeds {
+        let scene = bending(&BendingOptions {
+            seed,
+            readings: 24_000,
+            ..BendingOptions::default()
+        })
+        .unwrap();
+        let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
+        let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
+        assert!(found.isometric, "{:?}", fitted.report.warnings);
+        assert_eq!(found.states.len(), 4);
+        for state in &found.states {
+            println!(
+                "{:?}: rms {:.4} of σ {:.4}, changes {:?}, σ of the surface {:.4}, carried {:.3}",
+                state.time_s,
+                state.rms,
+                state.sigma,
+                state.largest_change,
+                state.sigma_surface,
+                state.carried_area_fraction
+            );
+            assert!(state.largest_change.iter().all(|c| *c < 0.01), "{state:?}");
+            assert!((0.95..1.05).contains(&state.misfit), "{state:?}");
+        }
+        let hole = found.states[3].carried_area_fraction;
+        assert!(
+            (0.01..0.06).contains(&hole),
+            "the hole is 5 % of the sheet, found {hole}"
+        );
+        let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, false), Some(Observed::Measured));
+        println!("measured: rms {rms:.4}, coverage {coverage:.3} of {n}");
+        assert!(n > 3000 && rms < 0.03 && coverage > 0.85, "{rms} {coverage}");
+        let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, true), Some(Observed::Invented));
+        println!("hole: rms {rms:.4}, coverage {coverage:.3} of {n}");
+        assert!(n > 30);
+        // Where points of the sheet went along it, which readings do not tell but at its border.
+        let (first, last) = (&fitted.earlier_states[0].model.surface, &fitted.model.surface);
+        let slide: Vec<f64> = (1..10)
+            .flat_map(|i| (1..10).map(move |j| [f64::from(i) / 10.0, f64::from(j) / 10.0]))
+            .map(|[a, b]| {
+                let [u, v] = first.space().extent();
+                let material = scene.states[0]
+                    .foot(first.point(a * u, b * v))
+                    .unwrap()
+                    .point
+                    .parameters;
+                let truth = scene.truth.point(material[0], material[1]);
+                distance(last.point(a * u, b * v), truth)
+            })
+            .collect();
+        let slide = (slide.iter().map(|d| d * d).sum::<f64>() / slide.len() as f64).sqrt();
+        println!("points of the sheet lie {slide:.3} mm from where they went (rms)");
+        assert!(slide < 2.0, "{slide}");
+        in_hole.0 += rms / seeds.len() as f64;
+        in_hole.1 += coverage / seeds.len() as f64;
+    }
+    println!("hole, mean: rms {:.4}, coverage {:.3}", in_hole.0, in_hole.1);
+    assert!(in_hole.0 < 0.06 && in_hole.1 > 0.85, "{in_hole:?}");
+}
+
+#[test]
+fn a_sheet_that_stretches_is_no_isometry() {
+    let scene = bending(&BendingOptions {
+        stretch: 0.03,
+        readings: 24_000,
+        ..BendingOptions::default()
+    })
+    .unwrap();
+    let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
+    let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
+    assert!(!found.isometric && !found.states[3].isometric, "{found:?}");
+    let warned = |file: &str| (fitted.report.warnings.iter()).any(|w| w.contains(file) && w.contains("not stretched"));
+    assert!(warned("laser-4.ply"), "{:?}", fitted.report.warnings);
+}
+
+#[test]
+fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
+    let mut scene = bending(&BendingOptions {
+        states: 2,
+        readings: 10_000,
+        ..BendingOptions::default()
+    })
+    .unwrap();
+    // The first state again, 8 % longer: flat still, so that curvature tells nothing.
+    scene.set.scans[1] = scene.set.scans[0].clone();
+    let scan = &mut scene.set.scans[1].scan;
+    scan.time_s = Some(1.0);
+    let world_from_scanner = scan.world_from_scanner;
+    for p in &mut scan.points {
+        let [x, y, z] = world_from_scanner.apply(*p);
+        *p = world_from_scanner.inverse().apply([1.08 * x, y, z]);
+    }
+    let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
+    let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
+    println!("{:?}", found.states[1]);
+    assert!(!found.isometric);
+}
+
+#[test]
+fn what_cannot_bend_is_refused() {
+    let scene = bending(&BendingOptions {
+        states: 2,
+        readings: 3000,
+        ..BendingOptions::default()
+    })
+    .unwrap();
+    let refused =
+        |set: &planish_exchange::ScanSet, options: &FitOptions| fit(set, options, &Silent).err().unwrap().to_string();
+    let mut one = scene.set.clone();
+    one.scans.truncate(1);
+    let message = refused(&one, &bend());
+    assert!(
+        message.contains("at least two states") && message.contains("laser-1.ply"),
+        "{message}"
+    );
+    let mut half_timed = scene.set.clone();
+    half_timed.scans[1].scan.time_s = None;
+    let message = refused(&half_timed, &bend());
+    assert!(message.contains("laser-2.ply: needed the time"), "{message}");
+    let ball = FitOptions {
+        shape: Some(Shape::Ball),
+        ..bend()
+    };
+    let message = refused(&scene.set, &ball);
+    assert!(message.contains("needed --shape sheet, found ball"), "{message}");
+    let sphere: Vec<[f64; 3]> = (0..3000)
+        .map(|k| {
+            let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
+            let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
+            [
+                50.0 * (1.0 - z * z).sqrt() * cos,
+                50.0 * (1.0 - z * z).sqrt() * sin,
+                50.0 * z,
+            ]
+        })
+        .collect();
+    let normals = sphere.iter().map(|p| scale(0.02, *p)).collect();
+    let mut closed = probed(sphere, Some(normals), Some(0.01));
+    closed.scans.push(closed.scans[0].clone());
+    let message = refused(&closed, &bend());
+    assert!(
+        message.contains("looks like a ball") && message.contains("--shape sheet"),
+        "{message}"
+    );
+    // Files in order will do, without times.
+    let mut untimed = scene.set.clone();
+    untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
+    assert!(fit(&untimed, &bend(), &Silent).is_ok());
+}
+
+#[test]
+fn a_model_forms_reading_by_reading_and_ends_as_itself() {
+    for filter in [Filter::Global, Filter::Patch] {
+        let scene = bending(&BendingOptions {
+            states: 2,
+            readings: 16_000,
+            ..BendingOptions::default()
+        })
+        .unwrap();
+        let mut set = scene.set.clone();
+        set.scans.remove(1);
+        let options = FitOptions {
+            filter: Some(filter),
+            snapshots: Some(12),
+            max_depth: Some(0),
+            ..FitOptions::default()
+        };
+        let fitted = fit(&set, &options, &Silent).unwrap();
+        let forming = fitted.forming.as_ref().unwrap();
+        let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
+        println!("{filter:?}: {readings:?}");
+        assert!(readings[0] == 16 && readings.is_sorted_by(|a, b| a < b), "{readings:?}");
+        assert_eq!(
+            readings.last(),
+            Some(&fitted.report.observations),
+            "the last frame knows all readings"
+        );
+        assert_eq!(forming.places.len(), fitted.report.observations);
+        // σ falls from frame to frame, errors with it, and the last frame is the model.
+        let surface = &fitted.model.surface;
+        let [u, v] = surface.space().extent();
+        let middle = |snapshot: &planish::fit::Snapshot| {
+            let (leaf, local) = snapshot.surface.space().locate(0.45 * u, 0.55 * v);
+            let posterior = snapshot.posterior();
+            let cell = posterior.leaf(leaf).unwrap();
+            (
+                Posterior::sigma_along(&cell, local, [0.0, 0.0, 1.0]),
+                distance(
+                    snapshot.surface.point(0.45 * u, 0.55 * v),
+                    surface.point(0.45 * u, 0.55 * v),
+                ),
+            )
+        };
+        let figures: Vec<(f64, f64)> = forming.snapshots.iter().map(middle).collect();
+        println!("{figures:?}");
+        assert!(figures.windows(2).all(|w| w[1].0 <= 1.02 * w[0].0), "{figures:?}");
+        let (sigma, off) = figures[figures.len() - 1];
+        assert!(off < 0.2 * sigma, "{off} {sigma}");
+        let normalised: f64 =
+            figures.iter().map(|(sigma, off)| (off / sigma).powi(2)).sum::<f64>() / figures.len() as f64;
+        assert!(
+            normalised < 3.0,
+            "frames lie as far from the end as their σ says: {normalised}"
+        );
+    }
 }

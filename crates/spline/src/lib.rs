@@ -13,6 +13,7 @@ mod field;
 mod foot;
 mod geometry;
 mod hierarchy;
+mod isometry;
 mod moments;
 mod patch_filter;
 mod propagation;
@@ -31,6 +32,7 @@ pub use field::FieldPoints;
 pub use foot::{FootPoint, FootPointSearch, ProjectionOptions};
 pub use geometry::Curvature;
 pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
+pub use isometry::{Metric, MetricChange};
 pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use patch_filter::{
     InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,

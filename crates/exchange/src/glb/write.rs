@@ -48,18 +48,29 @@ pub(super) struct Layout {
 
 /// Sections of the binary chunk, one behind the other, and their accessors.
 #[derive(Default)]
-struct Sections {
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-    length: u64,
+pub(super) struct Sections {
+    pub views: Vec<Value>,
+    pub accessors: Vec<Value>,
+    pub length: u64,
 }
 
 impl Sections {
-    /// Adds a section of `count` elements; gives the number of its accessor.
-    fn add(&mut self, count: usize, bytes: u64, target: u64, number: u64, kind: &str, more: Value) -> usize {
+    /// Adds a section of `count` elements, for `target` where it is of a mesh; gives the number of its accessor.
+    pub(super) fn add(
+        &mut self,
+        count: usize,
+        bytes: u64,
+        target: Option<u64>,
+        number: u64,
+        kind: &str,
+        more: Value,
+    ) -> usize {
         let length = count as u64 * bytes;
-        self.views
-            .push(json!({"buffer": 0, "byteOffset": self.length, "byteLength": length, "target": target}));
+        let mut view = json!({"buffer": 0, "byteOffset": self.length, "byteLength": length});
+        if let (Some(view), Some(target)) = (view.as_object_mut(), target) {
+            view.insert("target".to_owned(), json!(target));
+        }
+        self.views.push(view);
         let mut accessor =
             json!({"bufferView": self.views.len() - 1, "componentType": number, "count": count, "type": kind});
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
@@ -72,8 +83,8 @@ impl Sections {
 }
 
 /// Targets of views: vertex attributes and indices.
-const ATTRIBUTES: u64 = 34962;
-const INDICES: u64 = 34963;
+pub(super) const ATTRIBUTES: u64 = 34962;
+pub(super) const INDICES: u64 = 34963;
 
 /// A position about the centre, as it is written.
 fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
@@ -105,23 +116,23 @@ impl Layout {
         let n = mesh.points.len();
         let mut sections = Sections::default();
         let mut attributes = serde_json::Map::new();
-        let position = sections.add(n, 12, ATTRIBUTES, FLOAT, "VEC3", bounds);
+        let position = sections.add(n, 12, Some(ATTRIBUTES), FLOAT, "VEC3", bounds);
         attributes.insert("POSITION".to_owned(), json!(position));
         if mesh.normals.is_some() {
-            let normal = sections.add(n, 12, ATTRIBUTES, FLOAT, "VEC3", json!({}));
+            let normal = sections.add(n, 12, Some(ATTRIBUTES), FLOAT, "VEC3", json!({}));
             attributes.insert("NORMAL".to_owned(), json!(normal));
         }
         if mesh.column("sigma").is_some() {
-            let colour = sections.add(n, 4, ATTRIBUTES, BYTE, "VEC4", json!({"normalized": true}));
+            let colour = sections.add(n, 4, Some(ATTRIBUTES), BYTE, "VEC4", json!({"normalized": true}));
             attributes.insert("COLOR_0".to_owned(), json!(colour));
         }
         for (column, name) in [("sigma", "_SIGMA"), ("observed", "_OBSERVED")] {
             if mesh.column(column).is_some() {
-                let accessor = sections.add(n, 4, ATTRIBUTES, FLOAT, "SCALAR", json!({}));
+                let accessor = sections.add(n, 4, Some(ATTRIBUTES), FLOAT, "SCALAR", json!({}));
                 attributes.insert(name.to_owned(), json!(accessor));
             }
         }
-        let indices = sections.add(3 * mesh.triangles.len(), 4, INDICES, INTEGER, "SCALAR", json!({}));
+        let indices = sections.add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
         let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
         let unit = mesh.unit.unwrap_or(Unit::Metre).name();
         let document = json!({
@@ -206,10 +217,16 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
         if !measured(vertex) {
             return GREY;
         }
-        let place = ((log(vertex) - low) / (high - low).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        let place = if place.is_nan() { 0.0 } else { 4.0 * place };
-        let cell = (place as usize).min(3);
-        let share = place - cell as f64;
-        [0, 1, 2].map(|k| RAMP[cell][k] + share * (RAMP[cell + 1][k] - RAMP[cell][k]))
+        ramp((log(vertex) - low) / (high - low).max(f64::MIN_POSITIVE))
     })
+}
+
+/// The colour at a share of the way from dark violet to yellow, linear; shares outside 0 to 1 have the colours of the ends.
+#[must_use]
+pub fn ramp(share: f64) -> [f64; 3] {
+    let place = share.clamp(0.0, 1.0);
+    let place = if place.is_nan() { 0.0 } else { 4.0 * place };
+    let cell = (place as usize).min(3);
+    let share = place - cell as f64;
+    [0, 1, 2].map(|k| RAMP[cell][k] + share * (RAMP[cell + 1][k] - RAMP[cell][k]))
 }

@@ -43,6 +43,7 @@ pub(super) fn finish(
         reached_tolerance,
         refined,
         fused,
+        moves_freely,
     } = settled;
     progress.check("information", 0.9)?;
     let information = match &fused {
@@ -73,6 +74,7 @@ pub(super) fn finish(
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
         measured_coordinates: None,
+        moves_freely,
         patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
         shared: None,
     };
@@ -291,6 +293,8 @@ pub(super) fn finish(
     Ok(Fit {
         model,
         report,
+        earlier_states: Vec::new(),
+        forming: None,
         covariance,
     })
 }
@@ -350,6 +354,7 @@ pub(super) fn place(
         reached_tolerance: false,
         refined: RefinementLog::default(),
         fused: None,
+        moves_freely: false,
         system,
     })
 }

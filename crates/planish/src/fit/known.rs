@@ -265,6 +265,7 @@ impl Solved {
             smoothness_weight: smoothing.found.weight / scale,
             observations: count,
             measured_coordinates: Some(measured),
+            moves_freely: false,
             patches: None,
             shared: None,
             surface,
@@ -342,6 +343,8 @@ impl Solved {
         Ok(Fit {
             model,
             report,
+            earlier_states: Vec::new(),
+            forming: None,
             covariance,
         })
     }

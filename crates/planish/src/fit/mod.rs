@@ -1,8 +1,10 @@
 //! Fusing scans into a surface.
 
+mod bending;
 mod bent;
 pub(crate) mod engine;
 mod finish;
+mod forming;
 mod gaps;
 mod growth;
 mod indicator;
@@ -19,6 +21,7 @@ mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
+pub use forming::{Forming, Snapshot};
 pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
 pub(crate) use patch::{FirstFit, first_fit_of};
 pub(crate) use refined::RefinementLog;
@@ -63,10 +66,12 @@ pub struct FitOptions {
     pub max_coefficients: usize,
     /// The symmetry by which parts that nobody saw are completed.
     pub symmetry: Option<SymmetryChoice>,
-    /// Whether the thing moved as a rigid body while its scans were taken, at the times that they state.
-    pub rigid_motion: bool,
+    /// How the thing moved while its scans were taken, at the times that they state; where none is given it stood still.
+    pub motion: Option<ThingMotion>,
     /// Whether gaps are completed by the simple shape of what surrounds them.
     pub complete_smooth: bool,
+    /// How many snapshots are kept of the way from few readings to all of them, where any are wanted: see [`Fit::forming`].
+    pub snapshots: Option<usize>,
     /// Readings farther from the surface than this many σ are outliers.
     pub gate: f64,
     /// Share of the readings held out to judge the fit.
@@ -75,6 +80,16 @@ pub struct FitOptions {
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
+}
+
+/// How a thing moves from scan to scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ThingMotion {
+    /// As a rigid body with a velocity of its own.
+    Rigid,
+    /// A sheet bends without stretch: lengths along it stay.
+    Bend,
 }
 
 /// How readings are fused.
@@ -110,8 +125,9 @@ impl Default for FitOptions {
             align: false,
             max_coefficients: 12_000,
             symmetry: None,
-            rigid_motion: false,
+            motion: None,
             complete_smooth: false,
+            snapshots: None,
             gate: 4.0,
             held_out_share: 0.1,
             seed: 0,
@@ -208,6 +224,10 @@ pub struct Fit {
     pub model: SurfaceModel,
     /// The figures.
     pub report: FitReport,
+    /// Of a sheet that bends, the states before the last, in the order of time; empty of everything else.
+    pub earlier_states: Vec<Fit>,
+    /// How the model formed, reading by reading, where that was asked for.
+    pub forming: Option<Forming>,
     covariance: Arc<NodeCovariance>,
 }
 
@@ -216,6 +236,7 @@ impl Fit {
     fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         if by != [0.0; 3] {
             self.model = self.model.translated(by)?;
+            self.forming = self.forming.map(|forming| forming.translated(by)).transpose()?;
         }
         Ok(self)
     }
@@ -232,8 +253,16 @@ impl Fit {
 /// # Errors
 /// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    if options.rigid_motion {
-        return fit_moving(set, options, progress);
+    if options.snapshots.is_some() && (options.known_parameters.is_some() || options.motion == Some(ThingMotion::Bend))
+    {
+        return Err(Error::unsupported(
+            "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
+        ));
+    }
+    match options.motion {
+        Some(ThingMotion::Rigid) => return fit_moving(set, options, progress),
+        Some(ThingMotion::Bend) => return bending::fit_bending(set, options, progress),
+        None => {}
     }
     if let Some(cells) = options.known_parameters {
         if options.filter == Some(Filter::Patch) {
@@ -252,7 +281,8 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         ..options.clone()
     };
     let completes = options.symmetry.is_some() || options.complete_smooth;
-    let dealt = if completes {
+    // Snapshots are of readings that are all there.
+    let dealt = if completes || options.snapshots.is_some() {
         None
     } else {
         Parts::deal(set, options, ground.as_ref())?
@@ -263,7 +293,19 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
         progress.check("normals", 0.01)?;
         let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
+        let forming = (options.snapshots)
+            .map(|frames| {
+                forming::formed(
+                    &observations,
+                    &settled,
+                    options,
+                    frames,
+                    &Part::new(progress, 0.88, 0.9),
+                )
+            })
+            .transpose()?;
         let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
+        fitted.forming = forming;
         let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
         fitted.report.propagation = propagation.map(|found| PropagationReport {
             invented_area_fraction,
@@ -307,7 +349,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
 fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let order = propagate::scans_in_time(set)?;
     let still = FitOptions {
-        rigid_motion: false,
+        motion: None,
         ..options.clone()
     };
     let only = |k: usize| ScanSet {
@@ -318,6 +360,7 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
     let plain = FitOptions {
         symmetry: None,
         complete_smooth: false,
+        snapshots: None,
         ..still.clone()
     };
     let first = fit(&only(order[0]), &plain, &Part::new(progress, 0.0, 0.3))?;
@@ -421,6 +464,11 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             unit.name(),
             model.unit.name()
         )));
+    }
+    if model.moves_freely {
+        return Err(Error::unsupported(
+            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit --motion bend` of all scans together",
+        ));
     }
     let own = if model.patches.is_some() {
         Filter::Patch

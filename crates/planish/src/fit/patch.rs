@@ -8,11 +8,12 @@
 //! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says nothing of finer detail.
 
 use super::engine::{Foot, FootState, by_leaf, project};
+use super::forming::{Forming, Snapshot};
 use super::noise::SensorNoise;
 use super::observations::{Measured, Observations, Quantity, Rejection, hash01};
 use super::refined::{Cause, RefinementLog};
 use super::stages::{Settled, extent_of, first_surface, grown, refine_to_noise, weights};
-use super::{Fit, FitOptions, finish, observation_options, observe};
+use super::{Fit, FitOptions, finish, forming, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use crate::stream::{Core, Incoming, Rules, What};
@@ -286,15 +287,22 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         &sheet,
         &Part::new(progress, 0.02, 0.4),
     )?;
+    // Half of the snapshots are of the readings that found the first surface.
+    let mut forming = (options.snapshots)
+        .map(|frames| forming::formed(&observations, &settled, options, frames.div_ceil(2), progress))
+        .transpose()?;
     let fused = stream(
         &observations,
         settled,
         core,
         others,
         options,
+        forming.as_mut(),
         &Part::new(progress, 0.4, 0.85),
     )?;
-    finish::finish(set, &observations, fused, options, None, None, origin, progress)?.translated(origin)
+    let mut fitted = finish::finish(set, &observations, fused, options, None, None, origin, progress)?;
+    fitted.forming = forming;
+    fitted.translated(origin)
 }
 
 /// Filters the readings of another day into a saved model.
@@ -352,6 +360,7 @@ pub(super) fn update_patches(
         reached_tolerance: false,
         refined: RefinementLog::default(),
         fused: None,
+        moves_freely: false,
     };
     let core = Core::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
@@ -361,12 +370,13 @@ pub(super) fn update_patches(
         core,
         &order,
         options,
+        None,
         &Part::new(progress, 0.2, 0.85),
     )
 }
 
 /// The readings in a random order.
-fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
+pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
     let mut keyed: Vec<(f64, u32)> = all.iter().map(|&i| (hash01(seed, 1 << 20, u64::from(i)), i)).collect();
     keyed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     keyed.into_iter().map(|(_, i)| i).collect()
@@ -394,6 +404,7 @@ pub(super) fn stream(
     mut core: Core,
     others: &[u32],
     options: &FitOptions,
+    mut forming: Option<&mut Forming>,
     progress: &dyn Progress,
 ) -> Result<Settled> {
     let known = weights(
@@ -410,11 +421,27 @@ pub(super) fn stream(
         .zip(&known)
         .map(|(foot, &w)| foot.rejection(w))
         .collect();
+    let all = first.subset.len() + others.len();
+    let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
+    let mut moments = forming::counts(first.subset.len(), all, frames)
+        .into_iter()
+        .skip(1)
+        .peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
             progress.check("streaming", k as f64 / others.len() as f64)?;
         }
-        refused.push(core.take(&incoming(observations, i as usize, &first.noise.used))?);
+        let outcome = core.take(&incoming(observations, i as usize, &first.noise.used))?;
+        if let Some(forming) = forming.as_deref_mut() {
+            if outcome.is_none() {
+                forming.places.push(observations.points[i as usize]);
+            }
+            if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
+                let snapshot = Snapshot::of_patches(forming.places.len(), core.filter.clone())?;
+                forming.snapshots.push(snapshot);
+            }
+        }
+        refused.push(outcome);
     }
     let surface = core.reconcile()?;
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
@@ -460,5 +487,6 @@ pub(super) fn stream(
         }),
         noise: first.noise,
         weight: first.weight,
+        moves_freely: false,
     })
 }

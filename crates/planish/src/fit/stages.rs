@@ -96,6 +96,8 @@ pub(super) struct Settled {
     pub refined: RefinementLog,
     /// What a patch filter made of the readings; it then holds what is known.
     pub fused: Option<Fused>,
+    /// Whether vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
+    pub moves_freely: bool,
 }
 
 /// Finds the first shape and settles it.
@@ -359,6 +361,7 @@ pub(super) fn refine_to_noise(
                 reached_tolerance,
                 refined,
                 fused: None,
+                moves_freely: false,
             });
         }
         // What the leaves cannot follow.
@@ -485,7 +488,7 @@ fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
 
 /// The weight of the thin plate that smooths over a length: information of positions an area, times the length to the fourth; of slopes to the
 /// second, of curvatures as it is.
-fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
+pub(super) fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
     (feet.iter().zip(information))
         .map(|(foot, &w)| smoothing_information(foot.quantity, w, length))
         .sum::<f64>()

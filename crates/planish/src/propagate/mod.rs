@@ -8,16 +8,20 @@
 //! |---|---|
 //! | symmetry | copies of the readings by a rotation or a reflection |
 //! | motion | a rigid body that moves while it is scanned: pose and velocity |
+//! | bending | a sheet that bends without stretch: what a fit says of it; `fit` follows it |
 //! | gap | what surrounds a gap; `fit` finds the gaps of its surface |
 //!
 //! # References
 //! The paper on Kalman spline fusion, section 3.3.
 
+mod bending;
 mod gap;
 mod motion;
 mod seen;
 mod symmetry;
 
+pub use bending::{BendingReport, BendingState};
+pub(crate) use bending::{State, states_in_time};
 pub use gap::GapReport;
 pub use motion::{MotionPose, MotionReport};
 pub(crate) use motion::{RigidTracker, scans_in_time};
@@ -39,6 +43,9 @@ pub struct PropagationReport {
     /// The motion of the thing, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionReport>,
+    /// How a sheet bent, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bending: Option<BendingReport>,
     /// Readings that were concluded from others.
     pub pseudo_readings: usize,
     /// Share of the surface's area that is known through them alone.

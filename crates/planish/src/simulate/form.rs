@@ -24,6 +24,8 @@ pub enum ClosedForm {
     Tube(TubeForm),
     /// A blob around an ellipsoid.
     Ball(BallForm),
+    /// A rectangle that is bent along a catenary, without stretch.
+    Bent(BentForm),
 }
 
 /// `z = q · (x², xy, y²) + Σ h exp(−|p − c|² / 2 w²)` over a rectangle around the origin.
@@ -46,6 +48,29 @@ pub struct SheetBump {
     pub width: f64,
     /// Its height, negative for a dent.
     pub height: f64,
+}
+
+/// A rectangle bent along a catenary: with `s` along the bend and `t` across it, by the angle of the bend from the material's `x` and `y`,
+///
+/// ```text
+/// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,    s, t measured from the middle of the rectangle
+/// ```
+///
+/// `s` is the length of the catenary, whose curvature is `κ/(1 + κ²s²)`: `E, F, G` are those of the flat rectangle, whatever κ and the angle. A bulge along
+/// the normal breaks that.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BentForm {
+    /// Sides of the rectangle along x and y.
+    pub sides: [f64; 2],
+    /// Curvature `κ` at the middle of the bend, one over the unit; zero is flat.
+    pub curvature: f64,
+    /// Angle of the bend from the material's x, in radians.
+    pub angle_rad: f64,
+    /// The middle of the bend lies so far from the middle of the rectangle.
+    pub offset: f64,
+    /// A bulge along the normal, which stretches: none where the sheet only bends.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bulge: Option<SheetBump>,
 }
 
 /// Sections around an arc of a circle: `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with `θ = 2πu`,
@@ -188,6 +213,7 @@ impl ClosedForm {
             Self::Sheet(_) => Shape::Sheet,
             Self::Tube(_) => Shape::Tube,
             Self::Ball(_) => Shape::Ball,
+            Self::Bent(_) => Shape::Sheet,
         }
     }
 
@@ -198,6 +224,7 @@ impl ClosedForm {
         match self {
             Self::Sheet(form) => form.jet(u, v),
             Self::Tube(form) => form.jet(u, v),
+            Self::Bent(form) => form.jet(u, v),
             Self::Ball(form) => {
                 let (s, c) = ((v * PI).sin(), (v * PI).cos());
                 form.jet([s * (u * TAU).cos(), s * (u * TAU).sin(), c * -1.0])
@@ -230,7 +257,7 @@ impl ClosedForm {
     #[must_use]
     pub(super) fn moved(&self, [u, v]: [f64; 2], [s, t]: [f64; 2]) -> [f64; 2] {
         match self {
-            Self::Sheet(_) => [(u + s).clamp(0.0, 1.0), (v + t).clamp(0.0, 1.0)],
+            Self::Sheet(_) | Self::Bent(_) => [(u + s).clamp(0.0, 1.0), (v + t).clamp(0.0, 1.0)],
             Self::Tube(_) => [(u + s).rem_euclid(1.0), (v + t).clamp(0.0, 1.0)],
             Self::Ball(_) => {
                 let d = direction(u, v);
@@ -270,6 +297,30 @@ impl SheetForm {
             z = z + ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
         }
         SecondOrder::jet([x, y, z])
+    }
+}
+
+impl BentForm {
+    fn jet(&self, u: SecondOrder, v: SecondOrder) -> Jet {
+        let (x, y) = ((u - 0.5) * self.sides[0], (v - 0.5) * self.sides[1]);
+        let (sin, cos) = self.angle_rad.sin_cos();
+        let (s, t) = (x * cos + y * sin - self.offset, y * cos + x * -sin);
+        let (k, arc) = (self.curvature, s.f);
+        let r = 1.0_f64.hypot(k * arc);
+        // Each with its first and second derivative by the length of the catenary.
+        let along = if k == 0.0 { arc } else { (k * arc).asinh() / k };
+        let mut along = s.through([along, 1.0 / r, -k * k * arc / r.powi(3)]);
+        let mut up = s.through([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
+        if let Some(bulge) = &self.bulge {
+            let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
+            let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
+            let sin_slope = s.through([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
+            let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
+            let cos_slope = s.through([1.0 / r, -k * k * arc / r.powi(3), bend]);
+            along = along + sin_slope * height * -1.0;
+            up = up + cos_slope * height;
+        }
+        SecondOrder::jet([along * cos + t * -sin, along * sin + t * cos, up])
     }
 }
 

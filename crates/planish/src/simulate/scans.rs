@@ -16,7 +16,7 @@ use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{MeshColumns, write_mesh, write_scan};
 use planish_exchange::{PosedScan, ScanSet, Unit, make_folder, write_atomically};
-use planish_mesh::BoundingBox;
+use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_sense::{Noise, Pose, Sensor, SensorKind, Viewing};
 use planish_spline::Shape;
 use rand::{RngExt, SeedableRng};
@@ -162,6 +162,8 @@ pub struct ScanScene {
     pub readings: Vec<Vec<TrueReading>>,
     /// How the thing moved, where it did.
     pub motion: Option<TrueMotion>,
+    /// Of a thing that changes its shape, the true surface behind each scan; `truth` is the last.
+    pub states: Vec<Truth>,
 }
 
 /// The motion of a simulated thing: a constant turn about a fixed axis.
@@ -215,6 +217,9 @@ pub struct TruthSummary {
     /// How the thing moved, where it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<TrueMotion>,
+    /// The formulas of the surface at each time, where it changed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub states: Vec<ClosedForm>,
 }
 
 /// What [`write_scans_scene`] wrote.
@@ -260,6 +265,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         sensors: Vec::new(),
         readings: Vec::new(),
         motion: None,
+        states: Vec::new(),
     };
     let views = options.views + usize::from(options.old_scanner);
     let each = options.readings.div_ceil(views);
@@ -480,18 +486,25 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
     let triangles = options
         .truth_triangles
         .unwrap_or((options.readings / 2).clamp(5120, 80_000));
-    let (mesh, normals) = scene.truth.mesh(triangles);
-    let path = folder.join("truth.ply");
-    write_mesh(
-        &path,
-        &MeshColumns {
-            points: &mesh.positions,
-            normals: Some(&normals),
-            triangles: &mesh.triangles,
-            unit: scene.set.unit,
-            ..MeshColumns::default()
-        },
-    )?;
+    let write_truth = |truth: &Truth, name: &str| -> Result<(PathBuf, TriangleMesh)> {
+        let (mesh, normals) = truth.mesh(triangles);
+        let path = folder.join(name);
+        write_mesh(
+            &path,
+            &MeshColumns {
+                points: &mesh.positions,
+                normals: Some(&normals),
+                triangles: &mesh.triangles,
+                unit: scene.set.unit,
+                ..MeshColumns::default()
+            },
+        )?;
+        Ok((path, mesh))
+    };
+    for (k, state) in scene.states.iter().enumerate() {
+        files.push(write_truth(state, &format!("truth-{}.ply", k + 1))?.0);
+    }
+    let (path, mesh) = write_truth(&scene.truth, "truth.ply")?;
     files.push(path);
     let chord = |t: usize| {
         let middle = mesh.point_at(t, [1.0 / 3.0; 3]);
@@ -511,6 +524,11 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
             .reduce(|| 0.0, f64::max),
         surface: scene.truth.closed_form().cloned(),
         motion: scene.motion.clone(),
+        states: scene
+            .states
+            .iter()
+            .filter_map(|truth| truth.closed_form().cloned())
+            .collect(),
     };
     let path = folder.join("truth.json");
     let mut text = serde_json::to_string_pretty(&truth)

@@ -44,7 +44,7 @@ impl SecondOrder {
     }
 
     /// `g(self)`, from the value, the first and the second derivative of `g`.
-    fn through(self, [g, d, dd]: [f64; 3]) -> Self {
+    pub fn through(self, [g, d, dd]: [f64; 3]) -> Self {
         Self {
             f: g,
             u: d * self.u,

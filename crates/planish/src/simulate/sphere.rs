@@ -26,13 +26,15 @@
 //! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding 1994, section 4.1.
 
 use super::figure::{Curve, Panel, draw};
+use crate::animation::{AnimationOutput, FRAMES, write_forming};
+use crate::fit::{Forming, Snapshot};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
 };
-use planish_exchange::{check_writable, extension, write_atomically};
+use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_spline::{
     CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior,
     StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function, leaf_weights,
@@ -227,6 +229,64 @@ fn on_sphere(u: f64, v: f64) -> [f64; 3] {
     unit([angle(u).tan(), angle(v).tan(), 1.0]).unwrap_or([0.0, 0.0, 1.0])
 }
 
+/// Places drawn evenly over the parameters, and readings of the sphere there whose distances err by up to so many per cent.
+fn measured(random: &mut ChaCha8Rng, count: usize, noise_percent: f64) -> (Vec<[f64; 2]>, Vec<SurfaceReading>) {
+    let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(LEAST_SIGMA);
+    let places: Vec<[f64; 2]> = (0..count)
+        .map(|_| [0, 1].map(|_| CELLS as f64 * random.random::<f64>()))
+        .collect();
+    let positions: Vec<SurfaceReading> = places
+        .iter()
+        .map(|&[u, v]| {
+            let along = 1.0 + 0.01 * noise_percent * (2.0 * random.random::<f64>() - 1.0);
+            SurfaceReading::Position {
+                parameters: [u, v],
+                point: on_sphere(u, v).map(|x| along * x),
+                variance: sigma * sigma,
+            }
+        })
+        .collect();
+    (places, positions)
+}
+
+/// How the patch filter forms the sphere from the cylinder that it starts with: the first set of the most readings, at the middle one of the noises, divided to
+/// the full depth. The first snapshot knows no reading.
+///
+/// # Errors
+/// As for [`sphere`].
+pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Forming> {
+    options.validate()?;
+    let count = options.readings.iter().copied().max().unwrap_or(0);
+    let noise = options.noise_percent[options.noise_percent.len() / 2];
+    let setting = Setting::new(options.depth, options.noise_divides)?;
+    let (_, positions) = measured(&mut ChaCha8Rng::seed_from_u64(options.seed), count, noise);
+    let prior = SmoothnessPrior {
+        weight: setting.weight(&positions)?,
+        hold: HOLD,
+    };
+    let places = (positions.iter())
+        .filter_map(|reading| match reading {
+            SurfaceReading::Position { point, .. } => Some(*point),
+            _ => None,
+        })
+        .collect();
+    let mut forming = Forming {
+        places,
+        snapshots: Vec::new(),
+    };
+    let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
+    let mut taken = 0;
+    let filter = setting.filtered(&positions, prior, options.depth, |filter| {
+        if taken % every == 0 && taken < count {
+            forming.snapshots.push(Snapshot::of_patches(taken, filter.clone())?);
+        }
+        taken += 1;
+        Ok(())
+    })?;
+    forming.snapshots.push(Snapshot::of_patches(count, filter)?);
+    Ok(forming)
+}
+
 impl Setting {
     fn new(depth: u8, noise_divides: bool) -> Result<Self> {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [CELLS; 2])?);
@@ -255,21 +315,7 @@ impl Setting {
         depth: u8,
     ) -> Result<Vec<SphereRow>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(LEAST_SIGMA);
-        let places: Vec<[f64; 2]> = (0..count)
-            .map(|_| [0, 1].map(|_| CELLS as f64 * random.random::<f64>()))
-            .collect();
-        let positions: Vec<SurfaceReading> = places
-            .iter()
-            .map(|&[u, v]| {
-                let along = 1.0 + 0.01 * noise_percent * (2.0 * random.random::<f64>() - 1.0);
-                SurfaceReading::Position {
-                    parameters: [u, v],
-                    point: on_sphere(u, v).map(|x| along * x),
-                    variance: sigma * sigma,
-                }
-            })
-            .collect();
+        let (places, positions) = measured(&mut random, count, noise_percent);
         let turns: Vec<[f64; 2]> = places
             .iter()
             .map(|_| [random.random::<f64>(), TAU * random.random::<f64>()])
@@ -280,7 +326,7 @@ impl Setting {
         };
         let mut rows = Vec::new();
         for depth in 0..=depth {
-            let filter = self.filtered(&positions, prior, depth)?;
+            let filter = self.filtered(&positions, prior, depth, |_| Ok(()))?;
             let space = Arc::clone(filter.space());
             let leaf_patches = filter.patches().len() as f64;
             let global = Global::new(self, &space, prior, &positions)?;
@@ -319,7 +365,14 @@ impl Setting {
     }
 
     /// The patch filter, fed in parts, divided between them.
-    fn filtered(&self, positions: &[SurfaceReading], prior: SmoothnessPrior, depth: u8) -> Result<PatchFilter> {
+    /// `watch` sees it before the first reading and after each.
+    fn filtered(
+        &self,
+        positions: &[SurfaceReading],
+        prior: SmoothnessPrior,
+        depth: u8,
+        mut watch: impl FnMut(&PatchFilter) -> Result<()>,
+    ) -> Result<PatchFilter> {
         let options = PatchFilterOptions {
             layout: StateLayout::Isotropic,
             maximum_depth: depth,
@@ -332,9 +385,11 @@ impl Setting {
             ..SubdivisionCriteria::default()
         };
         let parts = usize::from(depth) + 1;
+        watch(&filter)?;
         for part in 0..parts {
             for reading in &positions[part * positions.len() / parts..(part + 1) * positions.len() / parts] {
                 filter.observe(reading)?;
+                watch(&filter)?;
             }
             if part + 1 < parts {
                 filter.refine(&criteria)?;
@@ -579,11 +634,16 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [(
     })
 }
 
-/// Simulates and writes: `.csv` holds the rows, `.svg` draws them.
+/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows the sphere forming (see [`sphere_forming`]).
 ///
 /// # Errors
 /// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for [`sphere`].
-pub fn write_sphere(options: &SphereOptions, outputs: &[PathBuf], progress: &dyn Progress) -> Result<Vec<SphereRow>> {
+pub fn write_sphere(
+    options: &SphereOptions,
+    outputs: &[PathBuf],
+    animation: Option<&Path>,
+    progress: &dyn Progress,
+) -> Result<Vec<SphereRow>> {
     for path in outputs {
         if !["csv", "svg"].contains(&extension(path).as_str()) {
             return Err(Error::unsupported(format!(
@@ -593,7 +653,12 @@ pub fn write_sphere(options: &SphereOptions, outputs: &[PathBuf], progress: &dyn
         }
         check_writable(path)?;
     }
-    let rows = sphere(options, &Part::new(progress, 0.0, 0.99))?;
+    let animation = animation.map(|path| AnimationOutput::plan(path, &[])).transpose()?;
+    let rows = sphere(options, &Part::new(progress, 0.0, 0.9))?;
+    if let Some(output) = &animation {
+        let forming = sphere_forming(options, FRAMES)?;
+        write_forming(&forming, Unit::Metre, output, &Part::new(progress, 0.9, 0.99))?;
+    }
     progress.check(WRITING_STAGE, 0.99)?;
     for path in outputs {
         write_one(path, options, &rows)?;

@@ -245,6 +245,7 @@ impl Truth {
         }
         let (shape, ratio) = match &self.form {
             Form::Closed(ClosedForm::Sheet(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
+            Form::Closed(ClosedForm::Bent(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
             Form::Closed(_) => (Shape::Tube, 1.25),
             Form::Spline(surface) => {
                 let [columns, rows] = surface.space().extent();
@@ -468,7 +469,7 @@ impl Truth {
 /// Damped Newton for the nearest point: full where the Hessian is positive definite, Gauss–Newton elsewhere.
 fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool) {
     let open = match form {
-        ClosedForm::Sheet(_) => [true, true],
+        ClosedForm::Sheet(_) | ClosedForm::Bent(_) => [true, true],
         ClosedForm::Tube(_) => [false, true],
         ClosedForm::Ball(_) => [false, false],
     };

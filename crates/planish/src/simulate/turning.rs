@@ -110,6 +110,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
         truth,
         sensors: Vec::new(),
         readings: Vec::new(),
+        states: Vec::new(),
     };
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
     let turn = scale(turning.rate_deg_per_s.to_radians(), axis);

@@ -100,6 +100,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         sensors: Vec::new(),
         readings: Vec::new(),
         motion: None,
+        states: Vec::new(),
     };
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
     scene.add_scan(scan);

@@ -71,7 +71,7 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
         ..options()
     };
     let paths = ["a.csv", "a.svg"].map(|name| folder.path().join(name));
-    let rows = write_sphere(&small, &paths, &Silent).unwrap();
+    let rows = write_sphere(&small, &paths, None, &Silent).unwrap();
     let [table, drawing] = paths.map(|path| std::fs::read_to_string(path).unwrap());
     assert_eq!(table.lines().count(), rows.len() + 1);
     assert!(table.starts_with("readings,noise_percent,orientation_deg,depth,leaf_patches,patch_percent"));
@@ -84,7 +84,7 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     );
 
     let wrong = folder.path().join("a.png");
-    let refused = write_sphere(&small, std::slice::from_ref(&wrong), &Silent).unwrap_err();
+    let refused = write_sphere(&small, std::slice::from_ref(&wrong), None, &Silent).unwrap_err();
     assert_eq!(refused.kind(), ErrorKind::Unsupported);
     for bad in [
         SphereOptions {
@@ -102,4 +102,20 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     ] {
         assert_eq!(sphere(&bad, &Silent).unwrap_err().kind(), ErrorKind::Input);
     }
+}
+
+#[test]
+fn the_sphere_forms_from_a_cylinder_reading_by_reading() {
+    let options = SphereOptions {
+        depth: 1,
+        ..SphereOptions::default()
+    };
+    let forming = sphere_forming(&options, 16).unwrap();
+    let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
+    assert_eq!((readings[0], readings[readings.len() - 1]), (0, 150));
+    assert!(readings.is_sorted_by(|a, b| a < b), "{readings:?}");
+    let errors: Vec<f64> = forming.snapshots.iter().map(|s| mean_error(&s.surface)).collect();
+    println!("{errors:?}");
+    // The cylinder is off by several per cent; the last is what the figure shows.
+    assert!(errors[errors.len() - 1] < 0.5 * errors[0], "{errors:?}");
 }

@@ -1,0 +1,262 @@
+//! A mesh that changes its shape and its colours in time, as one GLB file.
+//!
+//! The file holds the last frame as a mesh, every frame before it as a morph target (differences of positions, normals and colours), and one
+//! animation whose weights lead from target to target. Viewers that do not animate show the last frame.
+//!
+//! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but asks no viewer to show them.
+
+use super::write::{ATTRIBUTES, INDICES, Sections};
+use super::{BINARY_CHUNK, FLOAT, INTEGER, JSON_CHUNK, MAGIC, TRIANGLES};
+use crate::Unit;
+use crate::atomic::write_packed;
+use planish_estimate::vector3::sub;
+use planish_estimate::{Error, Result};
+use serde_json::{Value, json};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// A mesh at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshFrame {
+    /// What it shows, in a few words.
+    pub name: String,
+    /// Positions, in the mesh's unit.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals.
+    pub normals: Vec<[f64; 3]>,
+    /// Colours, linear, from 0 to 1.
+    pub colours: Vec<[f64; 3]>,
+}
+
+/// Columns of a frame, as they are written.
+type Column = Vec<[f32; 3]>;
+
+/// Writes frames that share their triangles as one animated mesh, a frame every `seconds_per_frame`. Lengths without a unit are taken for metres.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners beyond the points or a time that is not
+/// positive; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file
+/// cannot be written; nothing is left half-written.
+pub fn write_animation(
+    path: &Path,
+    frames: &[MeshFrame],
+    triangles: &[[u32; 3]],
+    unit: Option<Unit>,
+    seconds_per_frame: f64,
+) -> Result<()> {
+    let animation =
+        Animation::of(frames, triangles, unit, seconds_per_frame).map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| animation.write_to(&mut writer, triangles))
+}
+
+struct Animation {
+    json: Vec<u8>,
+    total: u32,
+    binary: u32,
+    /// The last frame, then every other one as differences to it.
+    columns: Vec<Column>,
+    times: Vec<f32>,
+    weights: Vec<f32>,
+}
+
+impl Animation {
+    fn of(frames: &[MeshFrame], triangles: &[[u32; 3]], unit: Option<Unit>, seconds: f64) -> Result<Self> {
+        let Some((last, earlier)) = frames.split_last().filter(|(_, earlier)| !earlier.is_empty()) else {
+            return Err(Error::input(format!(
+                "an animation needed at least two frames, found {}",
+                frames.len()
+            )));
+        };
+        let n = last.points.len();
+        let fits = |f: &MeshFrame| f.points.len() == n && f.normals.len() == n && f.colours.len() == n;
+        if n == 0 || triangles.is_empty() || !frames.iter().all(fits) {
+            return Err(Error::input(
+                "needed frames of one mesh with as many normals and colours as points",
+            ));
+        }
+        if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
+            return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
+        }
+        if !(seconds > 0.0 && seconds.is_finite()) {
+            return Err(Error::input(format!(
+                "needed a positive time of each frame, found {seconds} s"
+            )));
+        }
+        let (low, high) = bounds(&last.points);
+        let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
+        let mut columns: Vec<Column> = vec![
+            last.points.iter().map(|p| sub(*p, centre).map(|c| c as f32)).collect(),
+            last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
+            last.colours.iter().map(|c| c.map(|c| c as f32)).collect(),
+        ];
+        let differences = |from: &[[f64; 3]], to: &[[f64; 3]]| -> Column {
+            to.iter()
+                .zip(from)
+                .map(|(to, from)| sub(*to, *from).map(|c| c as f32))
+                .collect()
+        };
+        for frame in earlier {
+            columns.push(differences(&last.points, &frame.points));
+            columns.push(differences(&last.normals, &frame.normals));
+            columns.push(differences(&last.colours, &frame.colours));
+        }
+        if columns.iter().flatten().flatten().any(|c| !c.is_finite()) {
+            return Err(Error::input("needed finite coordinates that float32 can hold"));
+        }
+        let targets = earlier.len();
+        let times: Vec<f32> = (0..frames.len()).map(|k| (seconds * k as f64) as f32).collect();
+        let weights: Vec<f32> = (0..frames.len())
+            .flat_map(|k| (0..targets).map(move |target| if target == k { 1.0 } else { 0.0 }))
+            .collect();
+
+        let mut sections = Sections::default();
+        let attributes: Vec<Value> = columns
+            .chunks_exact(3)
+            .map(|columns| {
+                let [position, normal, colour] = [0, 1, 2].map(|k| {
+                    let more = if k == 0 { extremes(&columns[0]) } else { json!({}) };
+                    sections.add(n, 12, Some(ATTRIBUTES), FLOAT, "VEC3", more)
+                });
+                json!({"POSITION": position, "NORMAL": normal, "COLOR_0": colour})
+            })
+            .collect();
+        let indices = sections.add(3 * triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
+        let end = json!({"min": [times[0]], "max": [times[times.len() - 1]]});
+        let input = sections.add(times.len(), 4, None, FLOAT, "SCALAR", end);
+        let output = sections.add(weights.len(), 4, None, FLOAT, "SCALAR", json!({}));
+        let scale = unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
+        let names: Vec<&str> = earlier.iter().map(|frame| frame.name.as_str()).collect();
+        let document = json!({
+            "asset": {"version": "2.0", "generator": "Planish"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "translation": centre.map(|c| c * scale), "scale": [scale, scale, scale]}],
+            "meshes": [{
+                "primitives": [{
+                    "attributes": attributes[0], "targets": attributes[1..], "indices": indices, "mode": TRIANGLES, "material": 0,
+                }],
+                "weights": vec![0.0; targets],
+                "extras": {"targetNames": names, "unit": unit.unwrap_or(Unit::Metre).name()},
+            }],
+            "materials": [{
+                "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7},
+                "doubleSided": true,
+            }],
+            "animations": [{
+                "name": "forming",
+                "samplers": [{"input": input, "output": output, "interpolation": "LINEAR"}],
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+            }],
+            "accessors": sections.accessors,
+            "bufferViews": sections.views,
+            "buffers": [{"byteLength": sections.length}],
+        });
+        let mut json = document.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 12 + 8 + json.len() as u64 + 8 + sections.length;
+        let total = u32::try_from(total)
+            .map_err(|_| Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes")))?;
+        Ok(Self {
+            json,
+            total,
+            binary: sections.length as u32,
+            columns,
+            times,
+            weights,
+        })
+    }
+
+    fn write_to(&self, writer: &mut impl Write, triangles: &[[u32; 3]]) -> io::Result<()> {
+        writer.write_all(&MAGIC)?;
+        writer.write_all(&2_u32.to_le_bytes())?;
+        writer.write_all(&self.total.to_le_bytes())?;
+        writer.write_all(&(self.json.len() as u32).to_le_bytes())?;
+        writer.write_all(&JSON_CHUNK)?;
+        writer.write_all(&self.json)?;
+        writer.write_all(&self.binary.to_le_bytes())?;
+        writer.write_all(&BINARY_CHUNK)?;
+        for c in self.columns.iter().flatten().flatten() {
+            writer.write_all(&c.to_le_bytes())?;
+        }
+        for corner in triangles.iter().flatten() {
+            writer.write_all(&corner.to_le_bytes())?;
+        }
+        for number in self.times.iter().chain(&self.weights) {
+            writer.write_all(&number.to_le_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(low, high), p| {
+        (
+            std::array::from_fn(|k| low[k].min(p[k])),
+            std::array::from_fn(|k| high[k].max(p[k])),
+        )
+    })
+}
+
+/// The least and the largest of each coordinate, as they are written.
+fn extremes(column: &Column) -> Value {
+    let pick = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
+        (column.iter()).fold(column[0], |m, p| std::array::from_fn(|k| pick(m[k], p[k])))
+    };
+    json!({"min": pick(f32::min), "max": pick(f32::max)})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(height: f64) -> MeshFrame {
+        MeshFrame {
+            name: format!("{height}"),
+            points: vec![[10.0, 0.0, height], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0]],
+            normals: vec![[0.0, 0.0, 1.0]; 3],
+            colours: vec![[height, 0.5, 0.0]; 3],
+        }
+    }
+
+    #[test]
+    fn every_frame_but_the_last_is_a_target_and_its_weight_is_one_at_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("forming.glb");
+        let frames = [frame(0.0), frame(0.25), frame(0.5)];
+        write_animation(&path, &frames, &[[0, 1, 2]], Some(Unit::Millimetre), 0.5).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let number = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
+        assert_eq!(number(8), bytes.len());
+        let json: Value = serde_json::from_slice(&bytes[20..20 + number(12)]).unwrap();
+        let binary = 20 + number(12) + 8;
+        let floats = |accessor: &Value| -> Vec<f32> {
+            let accessor = &json["accessors"][accessor.as_u64().unwrap() as usize];
+            let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+            let from = binary + view["byteOffset"].as_u64().unwrap() as usize;
+            let length = view["byteLength"].as_u64().unwrap() as usize;
+            bytes[from..from + length]
+                .chunks_exact(4)
+                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                .collect()
+        };
+        let primitive = &json["meshes"][0]["primitives"][0];
+        let targets = primitive["targets"].as_array().unwrap();
+        assert_eq!(targets.len(), 2);
+        let base = floats(&primitive["attributes"]["POSITION"]);
+        let first = floats(&targets[0]["POSITION"]);
+        // Base and target together are the first frame, about the middle of the last.
+        assert_eq!(base[2] + first[2], -0.25);
+        assert_eq!(floats(&targets[1]["COLOR_0"])[0], -0.25);
+        let sampler = &json["animations"][0]["samplers"][0];
+        assert_eq!(floats(&sampler["input"]), [0.0, 0.5, 1.0]);
+        assert_eq!(floats(&sampler["output"]), [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+        let mesh = crate::glb::read_mesh(&path).unwrap();
+        assert_eq!(mesh.points.len(), 3);
+    }
+
+    #[test]
+    fn one_frame_is_no_animation() {
+        let error = write_animation("x.glb".as_ref(), &[frame(0.0)], &[[0, 1, 2]], None, 0.5).unwrap_err();
+        assert!(error.to_string().contains("at least two frames, found 1"), "{error}");
+    }
+}

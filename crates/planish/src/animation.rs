@@ -1,0 +1,374 @@
+//! A model that forms before one's eyes: its snapshots as an animated mesh, or as pictures.
+//!
+//! Comes in: a fitted model with its [`Forming`]. Goes out: a GLB file with a morph target for every snapshot, or a folder of PNG pictures `frame_0001.png` and
+//! so on. Colours show σ along the normal, on one logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots are the
+//! readings so far.
+//!
+//! All frames are cut into the same triangles, at the same parameters. The folder is whole or not there: pictures are drawn into a folder beside it, which is
+//! then renamed.
+//!
+//! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows colours change.
+
+use crate::fit::Forming;
+use crate::mesh_output::affordable_tolerance;
+use crate::output::refuse_input_as_output;
+use crate::point_sigmas::sigmas_along;
+use crate::progress::Progress;
+use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
+use planish_estimate::{Error, Result};
+use planish_exchange::glb::{MeshFrame, ramp, write_animation};
+use planish_exchange::picture::write_colour_png;
+use planish_exchange::{FolderInWork, Unit, check_writable, extension};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_spline::{Surface, TessellationOptions, tessellate};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Frames of an animation.
+pub const FRAMES: usize = 24;
+/// A frame every so many seconds.
+const SECONDS_PER_FRAME: f64 = 0.25;
+/// Triangles of a frame, about.
+const MOST_TRIANGLES: u64 = 16_000;
+/// Columns and rows of a picture.
+const PICTURE: [usize; 2] = [800, 600];
+/// Rays along each side of a pixel.
+const RAYS: usize = 2;
+/// Dots of a picture, at most.
+const MOST_DOTS: usize = 6000;
+/// Where the camera stands: so far above the plane of a sheet, or in this direction from other shapes.
+const SLANT: f64 = 0.75;
+const FROM: [f64; 3] = [0.55, -0.75, 0.5];
+/// A surface faces one way when its normals add up to more than this share of its area.
+const FACING: f64 = 0.5;
+/// The last frame is drawn so large at least, as a share of what has room.
+const SMALLEST: f64 = 0.6;
+/// The light that comes from everywhere, as a share.
+const AMBIENT: f64 = 0.35;
+const DOT: [u8; 3] = [255, 110, 20];
+const PAPER: [u8; 3] = [250, 250, 248];
+
+/// Where an animation goes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnimationOutput {
+    /// An animated mesh (.glb).
+    Mesh(PathBuf),
+    /// A folder of pictures.
+    Pictures(PathBuf),
+}
+
+/// What was drawn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AnimationReport {
+    /// The file or the folder.
+    pub file: PathBuf,
+    /// How many readings each frame knows.
+    pub readings: Vec<usize>,
+    /// Triangles of each frame.
+    pub triangles: usize,
+}
+
+impl AnimationOutput {
+    /// What a path asks for, checked before the work: a .glb file, or a folder that is new or empty.
+    ///
+    /// # Errors
+    /// `Unsupported` for other files; `Input` for a folder with files in it, and for one of the inputs; `Io` where nothing can be written there.
+    pub fn plan(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
+        match extension(path).as_str() {
+            "glb" => {
+                refuse_input_as_output(path, inputs)?;
+                check_writable(path)?;
+                Ok(Self::Mesh(path.to_path_buf()))
+            }
+            "" => {
+                FolderInWork::check(path)?;
+                Ok(Self::Pictures(path.to_path_buf()))
+            }
+            other => Err(Error::unsupported(format!(
+                "{}: an animation is a .glb file or a folder of pictures (a name without extension), found .{other}",
+                path.display()
+            ))),
+        }
+    }
+}
+
+/// Frames of one mesh.
+struct Frames {
+    triangles: Vec<[u32; 3]>,
+    frames: Vec<MeshFrame>,
+    readings: Vec<usize>,
+    unit: Unit,
+}
+
+/// Writes how a model formed.
+///
+/// # Errors
+/// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before anything is left in the folder.
+pub fn write_forming(
+    forming: &Forming,
+    unit: Unit,
+    output: &AnimationOutput,
+    progress: &dyn Progress,
+) -> Result<AnimationReport> {
+    let Some(last) = forming.snapshots.last().filter(|_| forming.snapshots.len() > 1) else {
+        return Err(Error::input(
+            "an animation needed a fit with at least two snapshots, and readings for them",
+        ));
+    };
+    let frames = frames(&last.surface, forming, unit, progress)?;
+    let file = match output {
+        AnimationOutput::Mesh(path) => {
+            write_animation(
+                path,
+                &frames.frames,
+                &frames.triangles,
+                Some(frames.unit),
+                SECONDS_PER_FRAME,
+            )?;
+            path
+        }
+        AnimationOutput::Pictures(path) => {
+            let folder = FolderInWork::beside(path)?;
+            let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
+            let camera = Camera::of(first, last, &frames.triangles)?;
+            for (k, frame) in frames.frames.iter().enumerate() {
+                progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
+                let places = &forming.places[..frames.readings[k].min(forming.places.len())];
+                let pixels = camera.draw(frame, &frames.triangles, places)?;
+                write_colour_png(&folder.path().join(format!("frame_{:04}.png", k + 1)), PICTURE, &pixels)?;
+            }
+            folder.finish()?;
+            path
+        }
+    };
+    Ok(AnimationReport {
+        file: file.clone(),
+        readings: frames.readings,
+        triangles: frames.triangles.len(),
+    })
+}
+
+/// The snapshots on the triangles of the last one.
+fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
+    let wanted = 1e-4 * crate::fit::extent_of(surface);
+    let options = TessellationOptions {
+        tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
+        ..TessellationOptions::default()
+    };
+    let made = tessellate(surface, &options)?;
+    let (mut shapes, mut sigmas) = (Vec::new(), Vec::new());
+    for (k, snapshot) in forming.snapshots.iter().enumerate() {
+        progress.check("animating", k as f64 / forming.snapshots.len() as f64)?;
+        let then = &snapshot.surface;
+        let located: Vec<(usize, [f64; 2])> = made
+            .parameters
+            .iter()
+            .map(|&[u, v]| then.space().locate(u, v))
+            .collect();
+        let points: Vec<[f64; 3]> = located
+            .iter()
+            .map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t))
+            .collect();
+        let normals: Vec<[f64; 3]> = (made.parameters.iter().zip(&made.normals))
+            .map(|(&[u, v], last)| then.normal(u, v).unwrap_or(*last))
+            .collect();
+        let leaves: Vec<u32> = located.iter().map(|(leaf, _)| *leaf as u32).collect();
+        let local: Vec<[f64; 2]> = located.iter().map(|(_, local)| *local).collect();
+        sigmas.push(sigmas_along(&snapshot.posterior(), &leaves, &local, &normals)?);
+        shapes.push((points, normals, snapshot.readings));
+    }
+    let scale = ColourScale::of(&sigmas);
+    let frames = (shapes.iter().zip(&sigmas))
+        .map(|((points, normals, readings), sigma)| MeshFrame {
+            name: format!("{readings} readings"),
+            points: points.clone(),
+            normals: normals.clone(),
+            colours: sigma.iter().map(|s| ramp(scale.place(*s))).collect(),
+        })
+        .collect();
+    Ok(Frames {
+        triangles: made.triangles,
+        frames,
+        readings: shapes.iter().map(|shape| shape.2).collect(),
+        unit,
+    })
+}
+
+/// One logarithmic scale for all frames: from the smallest σ of the last to the largest of the first, a few vertices at the ends left out.
+struct ColourScale {
+    low: f64,
+    high: f64,
+}
+
+impl ColourScale {
+    fn of(sigmas: &[Vec<f64>]) -> Self {
+        let quantile = |values: Option<&Vec<f64>>, share: f64| {
+            let mut sorted: Vec<f64> = values.into_iter().flatten().copied().filter(|s| *s > 0.0).collect();
+            sorted.sort_unstable_by(f64::total_cmp);
+            sorted
+                .get((share * sorted.len() as f64) as usize)
+                .copied()
+                .unwrap_or(1.0)
+                .ln()
+        };
+        Self {
+            low: quantile(sigmas.last(), 0.02),
+            high: quantile(sigmas.first(), 0.9),
+        }
+    }
+
+    fn place(&self, sigma: f64) -> f64 {
+        (sigma.max(f64::MIN_POSITIVE).ln() - self.low) / (self.high - self.low).max(1e-9)
+    }
+}
+
+/// A camera that looks at the middle of a thing from four sizes away: parallel enough that nothing is distorted.
+struct Camera {
+    at: [f64; 3],
+    /// To the right, up, and towards the thing.
+    axes: [[f64; 3]; 3],
+    /// Pixels over tangents.
+    focal: f64,
+}
+
+impl Camera {
+    fn of(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
+        let bounds = BoundingBox::of(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let (mut facing, mut area) = ([0.0; 3], 0.0);
+        for t in triangles {
+            let [a, b, c] = t.map(|k| points[k as usize]);
+            let n = cross(sub(b, a), sub(c, a));
+            facing = add(facing, n);
+            area += norm(n);
+        }
+        let towards = match unit(facing).filter(|_| norm(facing) > FACING * area) {
+            Some(n) => {
+                let (_, side) = tangents(n);
+                unit(add_scaled(n, -SLANT, side))
+            }
+            None => unit(FROM),
+        };
+        let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
+        let at = add_scaled(bounds.center(), 4.0 * bounds.diagonal(), from);
+        let forward = scale(-1.0, from);
+        let up = if from[2].abs() < 0.95 {
+            [0.0, 0.0, 1.0]
+        } else {
+            [0.0, 1.0, 0.0]
+        };
+        let right = unit(cross(forward, up)).unwrap_or([1.0, 0.0, 0.0]);
+        let up = cross(right, forward);
+        let mut camera = Self {
+            at,
+            axes: [right, up, forward],
+            focal: 1.0,
+        };
+        let room = |points: &[[f64; 3]]| {
+            let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
+                let [x, y, _] = camera.project(*p);
+                [most[0].max(x.abs()), most[1].max(y.abs())]
+            });
+            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
+            x.min(y)
+        };
+        // What few readings make may be large: the last frame is not to be small for it.
+        let last = room(points);
+        camera.focal = last.min(room(first).max(SMALLEST * last));
+        Ok(camera)
+    }
+
+    /// Pixels from the middle, right and up, and the distance.
+    fn project(&self, p: [f64; 3]) -> [f64; 3] {
+        let off = sub(p, self.at);
+        let depth = dot(off, self.axes[2]);
+        let on_screen = |k: usize| self.focal * dot(off, self.axes[k]) / depth;
+        [on_screen(0), on_screen(1), norm(off)]
+    }
+
+    /// The direction through a place of the picture.
+    fn ray(&self, x: f64, y: f64) -> [f64; 3] {
+        let [right, up, forward] = self.axes;
+        add_scaled(add_scaled(forward, x / self.focal, right), y / self.focal, up)
+    }
+
+    /// Draws a frame with its readings: red, green and blue of every pixel, row by row.
+    fn draw(&self, frame: &MeshFrame, triangles: &[[u32; 3]], places: &[[f64; 3]]) -> Result<Vec<u8>> {
+        let mesh = TriangleMesh {
+            positions: frame.points.clone(),
+            triangles: triangles.to_vec(),
+        };
+        let search = MeshSearch::try_new(&mesh)?;
+        let [columns, rows] = PICTURE;
+        let mut pixels: Vec<u8> = (0..columns * rows)
+            .into_par_iter()
+            .flat_map_iter(|pixel| self.colour(frame, triangles, &search, pixel))
+            .collect();
+        let size = BoundingBox::of(&frame.points).map_or(0.0, |b| b.diagonal());
+        for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
+            let [x, y, depth] = self.project(*place);
+            let hidden =
+                (search.first_hit(self.at, sub(*place, self.at))).is_some_and(|hit| hit.distance < depth - 0.03 * size);
+            let column = x + 0.5 * columns as f64;
+            let row = 0.5 * rows as f64 - y;
+            let inside = (1.0..columns as f64 - 1.0).contains(&column) && (1.0..rows as f64 - 1.0).contains(&row);
+            if hidden || !inside {
+                continue;
+            }
+            // Few readings are large dots, many are single pixels.
+            let width = if places.len() < 400 {
+                3
+            } else if places.len() < 2500 {
+                2
+            } else {
+                1
+            };
+            for dy in 0..width {
+                for dx in 0..width {
+                    let at =
+                        3 * ((row as usize + dy).min(rows - 1) * columns + (column as usize + dx).min(columns - 1));
+                    pixels[at..at + 3].copy_from_slice(&DOT);
+                }
+            }
+        }
+        Ok(pixels)
+    }
+
+    /// The colour of a pixel: matt, lit from the camera, the mean of its rays.
+    fn colour(&self, frame: &MeshFrame, triangles: &[[u32; 3]], search: &MeshSearch, pixel: usize) -> [u8; 3] {
+        let [columns, rows] = PICTURE;
+        let (column, row) = ((pixel % columns) as f64, (pixel / columns) as f64);
+        let mut sum = [0.0; 3];
+        for k in 0..RAYS * RAYS {
+            let step = |k: usize| (k as f64 + 0.5) / RAYS as f64;
+            let x = column + step(k % RAYS) - 0.5 * columns as f64;
+            let y = 0.5 * rows as f64 - row - step(k / RAYS);
+            let direction = self.ray(x, y);
+            let seen = match search.first_hit(self.at, direction) {
+                None => PAPER.map(f64::from),
+                Some(hit) => {
+                    let corners = triangles[hit.triangle as usize].map(|c| c as usize);
+                    let mix = |of: &[[f64; 3]]| {
+                        (corners.iter().zip(hit.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))
+                    };
+                    let normal = unit(mix(&frame.normals)).unwrap_or(hit.normal);
+                    let light = AMBIENT + (1.0 - AMBIENT) * (dot(normal, direction) / norm(direction)).abs();
+                    mix(&frame.colours).map(|c| screen(light * c))
+                }
+            };
+            sum = add(sum, seen);
+        }
+        sum.map(|c| (c / (RAYS * RAYS) as f64).round().clamp(0.0, 255.0) as u8)
+    }
+}
+
+/// From linear brightness to the 255 steps of a screen (sRGB, IEC 61966-2-1).
+fn screen(linear: f64) -> f64 {
+    let c = linear.clamp(0.0, 1.0);
+    255.0
+        * if c <= 0.003_130_8 {
+            12.92 * c
+        } else {
+            1.055 * c.powf(1.0 / 2.4) - 0.055
+        }
+}
