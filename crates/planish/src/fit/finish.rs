@@ -8,6 +8,7 @@ use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
 use super::patch::Fused;
+use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
@@ -69,6 +70,7 @@ pub(super) fn finish(
         prior,
         data,
         observed: Vec::new(),
+        shape_left: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
@@ -129,6 +131,21 @@ pub(super) fn finish(
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
+    let channels = FootChannels::new(observations, &subset);
+    let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
+    // Other readings may have shown more.
+    if let Some(earlier) = earlier {
+        for (leaf, left) in left.iter_mut().enumerate() {
+            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
+            let before = earlier.surface.space().locate(u, v).0;
+            *left = left.max(earlier.shape_left.get(before).copied().unwrap_or(0.0));
+        }
+    }
+    if left.iter().any(|left| *left > 0.0) {
+        model.shape_left = left;
+    }
+    let surface = &model.surface;
+    let posterior = Posterior::new(surface, Arc::clone(&covariance)).with_shape_left(&model.shape_left);
     let taken = |k: usize| observations.invented(subset[k] as usize).is_none();
     let own = leaves_with_feet(surface, &feet, &information, taken);
     let mut measured = with_neighbours(surface.space(), &own);
@@ -169,7 +186,9 @@ pub(super) fn finish(
     for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
-    let held_out = judge(&seen, observations, &noise, &mut at, options.gate)?;
+    // The σ of the readings was found from residuals that hold what is left out.
+    let exact = Posterior::new(surface, Arc::clone(&covariance)).given_shared();
+    let held_out = judge(&exact, observations, &noise, &mut at, options.gate)?;
     if !observed.contains(&Observed::Measured) {
         return Err(Error::undetermined(
             "no part of the surface was measured: every reading was gated",
@@ -272,6 +291,7 @@ pub(super) fn finish(
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
+        shape_left: ShapeLeft::of(&model.shape_left, &areas),
         observed_area_fraction: observed_area / total_area,
         smoothness_weight: weight,
         propagation: None,
