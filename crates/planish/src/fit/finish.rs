@@ -17,8 +17,16 @@ use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_spline::{FootPointSearch, SurfaceSystem};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// A limit of depth that leaves shape out on more than this share of the area is told.
+const MOST_LEFT: f64 = 0.1;
+/// Draws of the surface's noise: each scan's share of them is summed over thousands of readings.
+const NOISE_DRAWS: u64 = 12;
 
 /// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
 pub(super) fn finish(
@@ -99,13 +107,13 @@ pub(super) fn finish(
     }
     progress.check("covariance", 0.95)?;
     let mut covariance = Arc::new(model.covariance(&system)?);
-    if let Some(information_of_shared) = &mut model.shared {
+    if let Some(mut information_of_shared) = model.shared.take() {
         let less = {
-            let given = Posterior::new(&model.surface, Arc::clone(&covariance)).given_shared();
             let channels = FootChannels::new(observations, &subset);
+            let noise = noise_of_surface(&system, &model, &feet, &information)?;
             observations
                 .shared
-                .noise_information(&given, &feet, &information, &channels)?
+                .noise_information(&model.surface, &noise, &feet, &information, &channels)
         };
         if let Some(made) = Arc::into_inner(covariance) {
             let (made, change) = made.with_less_shared(&less, &stated)?;
@@ -116,6 +124,7 @@ pub(super) fn finish(
         } else {
             unreachable!("nobody else holds the covariance")
         }
+        model.shared = Some(information_of_shared);
     }
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     // What readings see of the surface they see from where their scans stand.
@@ -251,6 +260,15 @@ pub(super) fn finish(
                 .to_owned(),
         );
     }
+    let left = ShapeLeft::of(&model.shape_left, &areas);
+    let too_shallow = options.max_depth.is_some() && left.is_some_and(|left| left.area_fraction > MOST_LEFT);
+    if too_shallow {
+        warnings.push(
+            "the limit of depth was reached before the residuals were down to noise: σ takes in what is left out of the shape, but σ of sensors that are estimated \
+             do so, too; raise --max-depth for more detail"
+                .to_owned(),
+        );
+    }
     if reached_limit {
         warnings.push(format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
@@ -291,12 +309,12 @@ pub(super) fn finish(
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
-        shape_left: ShapeLeft::of(&model.shape_left, &areas),
+        shape_left: left,
         observed_area_fraction: observed_area / total_area,
         smoothness_weight: weight,
         propagation: None,
         held_out,
-        termination: if reached_limit {
+        termination: if reached_limit || too_shallow {
             FitTermination::Limit
         } else if reached_tolerance {
             FitTermination::ReachedTolerance
@@ -317,6 +335,47 @@ pub(super) fn finish(
         forming: None,
         covariance,
     })
+}
+
+/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf: `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1).
+///
+/// Its covariance `Λ⁻¹ Λ_data Λ⁻¹` is less than the posterior's, which also holds the detail that the surface does not show.
+fn noise_of_surface(
+    system: &SurfaceSystem,
+    model: &SurfaceModel,
+    feet: &[Foot],
+    information: &[f64],
+) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
+    let (surface, space) = (&model.surface, system.space());
+    let directions = system.node_normals(surface);
+    let mut known = system.contract(&model.data, &directions)?;
+    known.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
+    let factor = system.factorize_scalar(&known)?;
+    let (start, order) = by_leaf(feet, space.leaves().len());
+    (0..NOISE_DRAWS)
+        .map(|draw| {
+            let mut rng = ChaCha8Rng::seed_from_u64(draw);
+            let drawn: Vec<[f64; 3]> = (0..feet.len())
+                .map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng)))
+                .collect();
+            let sums = system.accumulate_along(&directions, |leaf, add| {
+                for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+                    let (foot, w) = (&feet[k as usize], information[k as usize]);
+                    if w > 0.0 {
+                        foot.rows(surface, |r, row| {
+                            add(row, foot.normal, drawn[k as usize][r] / w.sqrt(), w)
+                        });
+                    }
+                }
+            })?;
+            let mut moved = sums.vector().to_vec();
+            factor.solve_in_place(&mut moved)?;
+            let vertices: Vec<[f64; 3]> = (directions.iter().zip(&moved))
+                .map(|(d, by)| d.map(|d| d * by))
+                .collect();
+            Ok(space.leaf_coefficients(&vertices))
+        })
+        .collect()
 }
 
 /// Lays new observations on the surface of a model whose hierarchy stays.

@@ -264,6 +264,11 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
             "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
         ));
     }
+    if options.motion == Some(ThingMotion::Rigid) && options.filter == Some(Filter::Patch) {
+        return Err(Error::unsupported(
+            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of it: needed --filter global",
+        ));
+    }
     match options.motion {
         Some(ThingMotion::Rigid) => return fit_moving(set, options, progress),
         Some(ThingMotion::Bend) => return bending::fit_bending(set, options, progress),
