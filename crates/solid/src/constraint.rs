@@ -18,7 +18,9 @@
 mod candidates;
 mod diagnose;
 mod drawing;
+mod draws;
 mod equations;
+mod evidence;
 mod impose;
 mod minimal;
 mod propose;

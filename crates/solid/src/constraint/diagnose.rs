@@ -5,6 +5,7 @@
 //! from what its dimensions say; the search for a solution starts there.
 
 use super::drawing::Drawing;
+use super::draws::Draws;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::{RowRank, row_norms, row_rank};
@@ -140,7 +141,11 @@ pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<
     [0.05, 0.02, 0.005]
         .iter()
         .enumerate()
-        .filter_map(|(seed, &share)| drawing.with_values(&shaken(&values, share * drawing.extent(), seed as u64)).ok())
+        .filter_map(|(seed, &share)| {
+            drawing
+                .with_values(&shaken(&values, share * drawing.extent(), seed as u64))
+                .ok()
+        })
         .map(|moved| solve(&moved, &relations))
         .find(|solution| solution.holds)
         .map(|solution| solution.values)
@@ -233,16 +238,8 @@ fn rigid_motions(drawing: &Drawing, x: &DVector<f64>) -> DMatrix<f64> {
     motions
 }
 
-/// The values, each moved by up to `reach` either way, by a generator that always gives the same.
+/// The values, each moved by up to `reach` either way.
 fn shaken(values: &DVector<f64>, reach: f64, seed: u64) -> DVector<f64> {
-    let mut state = seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    values.map(|value| {
-        // SplitMix64 (Steele, Lea and Flood 2014).
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut mixed = state;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^= mixed >> 31;
-        value + reach * ((mixed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0)
-    })
+    let mut draws = Draws::new(seed);
+    values.map(|value| value + reach * draws.uniform())
 }

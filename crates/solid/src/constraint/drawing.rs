@@ -73,21 +73,37 @@ pub struct Drawing {
 impl Drawing {
     /// A closed polygon: a point for each vertex, a bar from each to the next.
     ///
+    /// Its parameters are those of an estimated polygon, `x0 y0 x1 y1 …`, in the same order.
+    ///
     /// # Errors
     /// `Input` when there are fewer than three vertices, a coordinate is not finite, or two neighbours coincide.
     pub fn polygon(vertices: &[[f64; 2]]) -> Result<Self> {
+        let mut drawing = Self::default();
+        drawing.add_polygon(vertices)?;
+        Ok(drawing)
+    }
+
+    /// Adds a closed polygon, such as another part or a hole; its bars come back.
+    ///
+    /// # Errors
+    /// As [`Self::polygon`]; nothing is added then.
+    pub fn add_polygon(&mut self, vertices: &[[f64; 2]]) -> Result<Vec<BarId>> {
         if vertices.len() < 3 {
             return Err(Error::input(format!(
                 "a polygon needs three vertices, not {}",
                 vertices.len()
             )));
         }
-        let mut drawing = Self::default();
-        let points: Vec<PointId> = vertices.iter().map(|&vertex| drawing.point(vertex)).collect();
-        for (i, &start) in points.iter().enumerate() {
-            drawing.bar(start, points[(i + 1) % points.len()])?;
-        }
-        Ok(drawing)
+        let mut larger = self.clone();
+        let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
+        let next = points.iter().cycle().skip(1);
+        let bars = points
+            .iter()
+            .zip(next)
+            .map(|(&start, &end)| larger.bar(start, end))
+            .collect::<Result<_>>()?;
+        *self = larger;
+        Ok(bars)
     }
 
     /// Adds a point.

@@ -60,12 +60,7 @@ const SETTLED: f64 = 1e-8;
 ///
 /// # References
 /// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970, section 8.3.
-pub fn impose(
-    drawing: &Drawing,
-    covariance: &DMatrix<f64>,
-    constraints: &[Constraint],
-    sigma: f64,
-) -> Result<Imposed> {
+pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Constraint], sigma: f64) -> Result<Imposed> {
     if !(sigma >= 0.0 && sigma.is_finite()) {
         return Err(Error::input(format!(
             "the σ with which constraints hold must not be negative, but is {sigma}"
@@ -78,7 +73,7 @@ pub fn impose(
     }
     let all = ConstraintEquations::new(drawing, constraints);
     let (_, jacobian) = all.residuals_and_jacobian(&solution.values);
-    let rank = known_rows(&jacobian, covariance, covariance);
+    let rank = known_rows(&jacobian, &square_root(covariance), covariance);
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();
     let chi_square = if degrees == 0 {
@@ -109,21 +104,28 @@ pub fn impose(
     })
 }
 
-/// Which rows of `J` have a spread of their own under `covariance`, measured against `reference`, the covariance before anything was known.
-pub(super) fn known_rows(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>, reference: &DMatrix<f64>) -> RowRank {
-    let root = square_root(covariance);
-    let sizes: Vec<f64> = jacobian
+/// Which rows of `J` have a spread of their own under the covariance `L Lᵀ`, measured against `reference`, the covariance before anything was known.
+pub(super) fn known_rows(jacobian: &DMatrix<f64>, root: &DMatrix<f64>, reference: &DMatrix<f64>) -> RowRank {
+    row_rank(&(jacobian * root), &row_sigmas(jacobian, reference), KNOWN)
+}
+
+/// σ of every row of `J x` if the components of `x` were independent.
+pub(super) fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
+    jacobian
         .row_iter()
         .map(|row| {
-            let sum: f64 = row.iter().enumerate().map(|(j, slope)| slope * slope * reference[(j, j)]).sum();
+            let squares = row
+                .iter()
+                .enumerate()
+                .map(|(j, slope)| slope * slope * covariance[(j, j)]);
+            let sum: f64 = squares.sum();
             if sum > 0.0 { sum.sqrt() } else { 1.0 }
         })
-        .collect();
-    row_rank(&(jacobian * root), &sizes, KNOWN)
+        .collect()
 }
 
 /// `L` with `L Lᵀ = Σ`; a covariance may be singular.
-fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let scale: DVector<f64> = covariance.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { 1.0 });
     let scaled = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
         covariance[(i, j)] / (scale[i] * scale[j])

@@ -53,12 +53,7 @@ pub fn quick_xplain(count: usize, mut holds: impl FnMut(&[usize]) -> bool) -> Ve
 }
 
 /// The members of `among` that fail together with `background`, which is known to fail with all of them.
-fn explain(
-    background: &[usize],
-    grown: bool,
-    among: &[usize],
-    holds: &mut impl FnMut(&[usize]) -> bool,
-) -> Vec<usize> {
+fn explain(background: &[usize], grown: bool, among: &[usize], holds: &mut impl FnMut(&[usize]) -> bool) -> Vec<usize> {
     if grown && !holds(&sorted(background)) {
         return Vec::new();
     }

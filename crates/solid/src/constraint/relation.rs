@@ -282,7 +282,10 @@ impl<'a> Builder<'a> {
             self.point(point, scaled(factor * weight, line.left));
         }
         self.point(self.drawing.ends(bar)[0], scaled(-factor, line.left));
-        self.bar(bar, scaled(-factor * dot(line.along, from_start) / line.length, line.left));
+        self.bar(
+            bar,
+            scaled(-factor * dot(line.along, from_start) / line.length, line.left),
+        );
     }
 
     /// A function of the angle from one bar to the other, given its derivative.
@@ -365,9 +368,13 @@ impl Constraint {
             }
             Self::Horizontal { bar } => return vec![difference(drawing, x, drawing.ends(bar), 1)],
             Self::Vertical { bar } => return vec![difference(drawing, x, drawing.ends(bar), 0)],
-            Self::Coordinate { point, axis, value } => return vec![coordinate(drawing, x, point, axis as usize, value)],
+            Self::Coordinate { point, axis, value } => {
+                return vec![coordinate(drawing, x, point, axis as usize, value)];
+            }
             Self::Anchor { point, at } => {
-                return (0..2).map(|axis| coordinate(drawing, x, point, axis, at[axis])).collect();
+                return (0..2)
+                    .map(|axis| coordinate(drawing, x, point, axis, at[axis]))
+                    .collect();
             }
             Self::Concentric { a, b } => {
                 let centres = [drawing.centre(a), drawing.centre(b)];
@@ -420,7 +427,11 @@ impl Constraint {
         let circle = |circle: &CircleId| format!("circle {}", circle.0 + 1);
         match self {
             Self::Distance { a, b, value } => format!("{}{} is {value} long", point(a), point(b)),
-            Self::PointLineDistance { point: p, bar: b, value } => format!("{} is {value} from {}", point(p), bar(b)),
+            Self::PointLineDistance {
+                point: p,
+                bar: b,
+                value,
+            } => format!("{} is {value} from {}", point(p), bar(b)),
             Self::Angle { from, to, radians } => {
                 format!("{} to {} is {}°", bar(from), bar(to), radians.to_degrees())
             }

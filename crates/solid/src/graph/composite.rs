@@ -213,7 +213,10 @@ fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
                 covariance.ncols()
             )));
         }
-        if let Some(other) = views[..i].iter().find(|other| view.axes.iter().all(|axis| other.axes.contains(axis))) {
+        if let Some(other) = views[..i]
+            .iter()
+            .find(|other| view.axes.iter().all(|axis| other.axes.contains(axis)))
+        {
             return Err(Error::input(format!(
                 "the {} and the {} view show the same axes",
                 other.name, view.name
@@ -259,10 +262,18 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
 }
 
 /// What is known with one more view; `None` when it disagrees.
-fn fused(view: &SketchView<'_>, point: PointId, mut known: [Known; 3], tolerance: f64, gate: f64) -> Option<[Known; 3]> {
+fn fused(
+    view: &SketchView<'_>,
+    point: PointId,
+    mut known: [Known; 3],
+    tolerance: f64,
+    gate: f64,
+) -> Option<[Known; 3]> {
     let position = view.drawing.position(point);
     for (k, parameter) in view.drawing.coordinates(point).into_iter().enumerate() {
-        let variance = view.covariance.map_or(0.0, |covariance| covariance[(parameter, parameter)].max(0.0));
+        let variance = view
+            .covariance
+            .map_or(0.0, |covariance| covariance[(parameter, parameter)].max(0.0));
         let axis = &mut known[view.axes[k] as usize];
         *axis = match *axis {
             None => Some((position[k], variance)),
@@ -334,7 +345,11 @@ fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledG
         }));
     }
     for (i, vertex) in vertices.iter().enumerate() {
-        let label = if i == 0 { "initial".to_owned() } else { format!("V{}", i + 1) };
+        let label = if i == 0 {
+            "initial".to_owned()
+        } else {
+            format!("V{}", i + 1)
+        };
         for view in 1..views.len() {
             graph.arcs.push(LabelledArc {
                 from: first[view - 1] + vertex.points[view - 1].0 as usize,

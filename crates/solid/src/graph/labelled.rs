@@ -64,7 +64,11 @@ impl LabelledGraph {
     #[must_use]
     pub fn to_dot(&self) -> String {
         const SHAPES: [&str; 4] = ["ellipse", "box", "hexagon", "diamond"];
-        let (keyword, arrow) = if self.directed { ("digraph", "->") } else { ("graph", "--") };
+        let (keyword, arrow) = if self.directed {
+            ("digraph", "->")
+        } else {
+            ("graph", "--")
+        };
         let mut groups: Vec<&str> = Vec::new();
         // Writing to a string does not fail.
         let mut dot = format!("{keyword} {} {{\n", self.name);

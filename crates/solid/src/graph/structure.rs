@@ -95,12 +95,7 @@ fn reached(
     (seen, seen_other)
 }
 
-fn blocks(
-    well: &Part,
-    of: &[Vec<usize>],
-    equation_of: &[Option<usize>],
-    parameter_of: &[Option<usize>],
-) -> Vec<Part> {
+fn blocks(well: &Part, of: &[Vec<usize>], equation_of: &[Option<usize>], parameter_of: &[Option<usize>]) -> Vec<Part> {
     let mut graph = DiGraph::<usize, ()>::new();
     let mut node_of = vec![None; of.len()];
     for &equation in &well.equations {
@@ -120,7 +115,10 @@ fn blocks(
         .map(|component: Vec<NodeIndex>| {
             let mut equations: Vec<usize> = component.into_iter().map(|node| graph[node]).collect();
             equations.sort_unstable();
-            let mut parameters: Vec<usize> = equations.iter().filter_map(|&equation| parameter_of[equation]).collect();
+            let mut parameters: Vec<usize> = equations
+                .iter()
+                .filter_map(|&equation| parameter_of[equation])
+                .collect();
             parameters.sort_unstable();
             Part { equations, parameters }
         })

@@ -73,9 +73,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
         graph.add_edge(nodes[edge.a], nodes[edge.b], i);
     }
-    let odd: Vec<usize> = (0..count)
-        .filter(|&vertex| degree(edges, vertex) % 2 == 1)
-        .collect();
+    let odd: Vec<usize> = (0..count).filter(|&vertex| degree(edges, vertex) % 2 == 1).collect();
     let from: Vec<Vec<f64>> = odd
         .iter()
         .map(|&vertex| {
@@ -134,7 +132,9 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         )));
     }
     if at.get(start).is_none_or(Vec::is_empty) {
-        return Err(Error::input(format!("no edge leads to vertex {start}, where the tour starts")));
+        return Err(Error::input(format!(
+            "no edge leads to vertex {start}, where the tour starts"
+        )));
     }
     let mut notes: Vec<Vec<(usize, usize)>> = vec![Vec::new(); count];
     let mut used = vec![false; edges.len()];

@@ -84,7 +84,11 @@ fn label(equation: usize) -> String {
 }
 
 fn parameter_nodes(incidence: &Incidence) -> Vec<LabelledNode> {
-    incidence.parameters.iter().map(|name| node(name, "parameter")).collect()
+    incidence
+        .parameters
+        .iter()
+        .map(|name| node(name, "parameter"))
+        .collect()
 }
 
 fn node(label: &str, group: &str) -> LabelledNode {
