@@ -11,6 +11,30 @@
 //! Drawing + constraints ─► diagnose: freedoms, redundant, conflicting ─► graph::ViewGraphs
 //! ```
 //!
+//! # Examples
+//! An estimated outline, its relations, its sizes on half millimetres, what is left free, and its graphs:
+//! ```
+//! use nalgebra::DMatrix;
+//! use planish_solid::constraint::{ConstrainOptions, Dimension, Drawing, constrain, diagnose, snap};
+//! use planish_solid::graph::ViewGraphs;
+//!
+//! let outline = Drawing::polygon(&[[0.01, 0.0], [40.02, 0.03], [39.98, 29.97], [0.0, 30.01]])?;
+//! let covariance = DMatrix::identity(8, 8) * 0.0009;
+//! let found = constrain(&outline, &covariance, &ConstrainOptions::default())?;
+//! let (found, sizes) = snap(&found, 0.5, &Dimension::all(&outline))?;
+//! for proposal in found.accepted() {
+//!     println!("{} (p = {:.2})", proposal.text, proposal.p_value);
+//! }
+//! for size in &sizes {
+//!     println!("{}: {:.3} ± {:.3}, {:?}", size.text, size.value, size.sigma, size.outcome);
+//! }
+//! let left = diagnose(&found.drawing, &found.constraints)?;
+//! assert_eq!((left.freedoms, left.rigid_motions), (2, 2)); // it may lie anywhere, but not turned
+//! let dot = ViewGraphs::new(&found.drawing, &found.constraints).to_dot();
+//! assert!(dot.starts_with("graph full {"));
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
+//!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a moving sensor*, section 3;
 //! Langbein, Marshall and Martin 2004, *Choosing consistent constraints for beautification of reverse engineered geometric models*.

@@ -9,8 +9,8 @@ use std::f64::consts::PI;
 pub struct Candidate {
     /// The relation.
     pub constraint: Constraint,
-    /// The width of the range in which each of its residuals would lie if the parts had nothing to do with each other: half a turn for
-    /// directions, twice the size of what is compared for lengths.
+    /// The width of the range over which each of its residuals would spread evenly if the parts had nothing to do with each other: half a turn
+    /// for directions, the larger of two lengths or radii, the drawing's extent for places.
     pub range: f64,
 }
 
@@ -34,7 +34,7 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
             add(Constraint::Parallel { a, b }, PI);
             add(Constraint::Perpendicular { a, b }, PI);
             if !drawing.is_axis(a) && !drawing.is_axis(b) {
-                add(Constraint::EqualLength { a, b }, 2.0 * length.max(drawing.length(b)));
+                add(Constraint::EqualLength { a, b }, length.max(drawing.length(b)));
             }
         }
         for &circle in &circles {
@@ -45,7 +45,7 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
     for (i, &a) in circles.iter().enumerate() {
         for &b in &circles[i + 1..] {
             let larger = drawing.radius(a).max(drawing.radius(b));
-            add(Constraint::EqualRadius { a, b }, 2.0 * larger);
+            add(Constraint::EqualRadius { a, b }, larger);
             if drawing.centre(a) != drawing.centre(b) {
                 add(Constraint::Concentric { a, b }, extent);
                 let inside = is_inside(drawing, a, b);

@@ -4,7 +4,8 @@ use super::candidates::Candidate;
 use super::drawing::Drawing;
 use super::draws::Draws;
 use super::equations::Equation;
-use super::impose::{chi_square_bound, chi_square_tail, known_rows, row_sigmas, square_root};
+use super::impose::{KNOWN, chi_square_bound, chi_square_tail, square_root};
+use super::rank::row_rank;
 use super::relation::Constraint;
 use super::solve::solve;
 use nalgebra::{DMatrix, DVector};
@@ -14,7 +15,6 @@ use std::f64::consts::{PI, TAU};
 /// An estimate, and drawings that it could as well be.
 pub(super) struct State {
     drawing: Drawing,
-    covariance: DMatrix<f64>,
     /// `L` with `L Lᵀ` the covariance.
     root: DMatrix<f64>,
     /// Steps from the estimate by its covariance, and where they lead when what was imposed is restored.
@@ -34,7 +34,6 @@ impl State {
     pub(super) fn unconstrained(drawing: &Drawing, covariance: &DMatrix<f64>) -> Self {
         Self {
             drawing: drawing.clone(),
-            covariance: covariance.clone(),
             root: square_root(covariance),
             others: Vec::new(),
         }
@@ -71,13 +70,29 @@ pub(super) struct Test {
     pub(super) is_linear: bool,
 }
 
+/// The level of a test, with the χ² it allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Level {
+    /// By degrees of freedom, one or two: constraints have no more equations.
+    bounds: [f64; 2],
+}
+
+impl Level {
+    pub(super) fn new(level: f64) -> Self {
+        Self {
+            bounds: [1, 2].map(|degrees| chi_square_bound(level, degrees)),
+        }
+    }
+}
+
 /// Tests a relation at a state; `reference` is the covariance before anything was imposed.
-pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: f64) -> Result<Test> {
+pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: Level) -> Result<Test> {
     let equations = candidate
         .constraint
         .equations(&state.drawing, state.drawing.values().as_slice());
-    let jacobian = jacobian(&equations, state.drawing.parameters());
-    let rows = known_rows(&jacobian, &state.root, reference).independent;
+    let sizes: Vec<f64> = equations.iter().map(|equation| sigma(equation, reference)).collect();
+    let spreads = spreads(&equations, &state.root);
+    let rows = row_rank(&spreads, &sizes, KNOWN).independent;
     let degrees = rows.len();
     let mut found = Test {
         chi_square: 0.0,
@@ -88,53 +103,57 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
         holds: equations
             .iter()
             .all(|equation| equation.residual.abs() <= ZERO * candidate.range),
-        is_linear: is_linear(candidate, state, &equations, &jacobian, reference),
+        is_linear: is_linear(candidate, state, &equations, &sizes),
     };
     if degrees == 0 {
         return Ok(found);
     }
-    let chosen = jacobian.select_rows(&rows);
+    let chosen = spreads.select_rows(&rows);
     let residual = DVector::from_iterator(degrees, rows.iter().map(|&row| equations[row].residual));
-    let product = &chosen * &state.covariance * chosen.transpose();
-    let spread = (&product + product.transpose()) * 0.5;
-    let volume = spread.determinant().max(0.0).sqrt() / candidate.range.powi(degrees as i32);
-    let reach = chi_square_bound(level, degrees).sqrt();
-    // Constraints have at most two equations: an interval, or an ellipse.
+    let covariance = &chosen * chosen.transpose();
+    let volume = covariance.determinant().max(0.0).sqrt() / candidate.range.powi(degrees as i32);
+    let reach = level.bounds[degrees - 1].sqrt();
+    // An interval, or an ellipse.
     let ball = if degrees == 1 { 2.0 } else { PI };
-    found.chi_square = normalized_squared(&residual, &spread)?;
+    found.chi_square = normalized_squared(&residual, &covariance)?;
     found.p_value = chi_square_tail(found.chi_square, degrees);
     found.chance = ball * reach.powi(degrees as i32) * volume;
     found.log_evidence = -volume.ln() - 0.5 * degrees as f64 * TAU.ln() - 0.5 * found.chi_square;
     Ok(found)
 }
 
-fn jacobian(equations: &[Equation], parameters: usize) -> DMatrix<f64> {
-    let mut jacobian = DMatrix::zeros(equations.len(), parameters);
+/// `J L`, row by row: the covariance of the residuals is its product with its transpose.
+fn spreads(equations: &[Equation], root: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut spreads = DMatrix::zeros(equations.len(), root.ncols());
     for (row, equation) in equations.iter().enumerate() {
-        for &(parameter, slope) in &equation.gradient {
-            jacobian[(row, parameter)] += slope;
+        for column in 0..root.ncols() {
+            let products = equation.gradient.iter().map(|&(i, slope)| slope * root[(i, column)]);
+            spreads[(row, column)] = products.sum();
         }
     }
-    jacobian
+    spreads
+}
+
+/// σ of a residual if the parameters were independent.
+fn sigma(equation: &Equation, covariance: &DMatrix<f64>) -> f64 {
+    let squares = equation
+        .gradient
+        .iter()
+        .map(|&(i, slope)| slope * slope * covariance[(i, i)]);
+    let sum: f64 = squares.sum();
+    if sum > 0.0 { sum.sqrt() } else { 1.0 }
 }
 
 /// Whether what the linear part leaves unexplained at the other drawings is small against it, or rounding.
-fn is_linear(
-    candidate: &Candidate,
-    state: &State,
-    equations: &[Equation],
-    jacobian: &DMatrix<f64>,
-    reference: &DMatrix<f64>,
-) -> bool {
-    let sizes = row_sigmas(jacobian, reference);
+fn is_linear(candidate: &Candidate, state: &State, equations: &[Equation], sizes: &[f64]) -> bool {
     let mut linear = vec![0.0; equations.len()];
     let mut rest = vec![0.0; equations.len()];
     for (step, values) in &state.others {
         let there = candidate.constraint.equations(&state.drawing, values.as_slice());
-        for (row, equation) in there.iter().enumerate() {
-            let predicted = (jacobian.row(row) * step)[0];
+        for (row, (here, there)) in equations.iter().zip(&there).enumerate() {
+            let predicted: f64 = here.gradient.iter().map(|&(i, slope)| slope * step[i]).sum();
             linear[row] += predicted * predicted;
-            rest[row] += (equation.residual - equations[row].residual - predicted).powi(2);
+            rest[row] += (there.residual - here.residual - predicted).powi(2);
         }
     }
     let count = state.others.len() as f64;

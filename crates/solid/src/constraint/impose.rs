@@ -7,7 +7,7 @@ use super::diagnose::satisfy;
 use super::drawing::Drawing;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
-use super::rank::{RowRank, row_rank};
+use super::rank::row_rank;
 use super::relation::Constraint;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use planish_estimate::{EquationUpdate, Error, KalmanFilter, Result};
@@ -73,7 +73,8 @@ pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Const
     }
     let all = ConstraintEquations::new(drawing, constraints);
     let (_, jacobian) = all.residuals_and_jacobian(&solution.values);
-    let rank = known_rows(&jacobian, &square_root(covariance), covariance);
+    let spreads = &jacobian * square_root(covariance);
+    let rank = row_rank(&spreads, &row_sigmas(&jacobian, covariance), KNOWN);
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();
     let chi_square = if degrees == 0 {
@@ -104,13 +105,8 @@ pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Const
     })
 }
 
-/// Which rows of `J` have a spread of their own under the covariance `L Lᵀ`, measured against `reference`, the covariance before anything was known.
-pub(super) fn known_rows(jacobian: &DMatrix<f64>, root: &DMatrix<f64>, reference: &DMatrix<f64>) -> RowRank {
-    row_rank(&(jacobian * root), &row_sigmas(jacobian, reference), KNOWN)
-}
-
 /// σ of every row of `J x` if the components of `x` were independent.
-pub(super) fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
+fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
     jacobian
         .row_iter()
         .map(|row| {

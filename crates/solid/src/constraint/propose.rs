@@ -6,7 +6,7 @@
 
 use super::candidates::{Candidate, candidates};
 use super::drawing::Drawing;
-use super::evidence::{State, Test, test};
+use super::evidence::{Level, State, Test, test};
 use super::impose::{Imposed, chi_square_tail, impose};
 use super::minimal::quick_xplain;
 use super::relation::Constraint;
@@ -17,7 +17,7 @@ use serde::Serialize;
 /// How to propose relations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstrainOptions {
-    /// The probability with which any true relation at all is lost to the tests; shared among all candidates.
+    /// The probability with which true relations fail: any at all the tests of single ones, which share it, and all together the joint one.
     pub level: f64,
     /// The largest share of its range in which a relation would be accepted: where it is larger, agreement means too little.
     pub max_chance: f64,
@@ -51,7 +51,7 @@ pub enum Outcome {
     Rejected,
     /// It agrees with the estimate, but not together with these proposals, by index; none of them can be left out.
     Refused {
-        /// The proposals it quarrels with.
+        /// The proposals it quarrels with; none where it fails the joint test with what was given alone.
         with: Vec<usize>,
     },
     /// The estimate is too uncertain for an agreement to mean anything, or accepted relations leave it to terms of second order.
@@ -115,7 +115,9 @@ pub(super) struct Search {
     pub(super) covariance: DMatrix<f64>,
     pub(super) options: ConstrainOptions,
     /// How many tests share the level.
-    pub(super) tests: usize,
+    tests: usize,
+    /// Each one's share.
+    share: Level,
     /// χ² and degrees of what was given.
     given: (f64, usize),
 }
@@ -169,6 +171,7 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
         covariance: covariance.clone(),
         options: options.clone(),
         tests: candidates.len().max(1),
+        share: Level::new(options.level / candidates.len().max(1) as f64),
         given: (given.chi_square, given.degrees),
     };
     let mut proposals = search.single_tests(&candidates)?;
@@ -316,11 +319,6 @@ impl Search {
     }
 
     pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Result<Test> {
-        test(
-            candidate,
-            state,
-            &self.covariance,
-            self.options.level / self.tests as f64,
-        )
+        test(candidate, state, &self.covariance, self.share)
     }
 }

@@ -548,9 +548,9 @@ fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
 
 #[test]
 fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
-    // Three separate bars at 0°, 1.1° and 2.2°, each known to 0.3°: neighbours agree, the outer two do not.
+    // Three separate bars, each turned by 1° from the last and known to 0.3°: neighbours agree, the outer two do not.
     let mut drawing = Drawing::default();
-    for (i, degrees) in [0.0_f64, 1.1, 2.2].into_iter().enumerate() {
+    for (i, degrees) in [0.0_f64, 1.0, 2.0].into_iter().enumerate() {
         let (sin, cos) = (degrees + 20.0).to_radians().sin_cos();
         let start = drawing.point([0.0, 10.0 * i as f64]);
         let end = drawing.point([10.0 * cos, 10.0 * i as f64 + 10.0 * sin]);
@@ -574,13 +574,6 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
         .map(|(_, p)| &p.outcome)
         .filter(|o| matches!(o, Outcome::Refused { .. }))
         .collect();
-    println!(
-        "{:?}",
-        parallel
-            .iter()
-            .map(|(_, p)| (&p.text, p.p_value, &p.outcome))
-            .collect::<Vec<_>>()
-    );
     assert_eq!(accepted.len(), 1);
     assert!(
         !refused.is_empty()
@@ -589,6 +582,19 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
                 .all(|o| **o == Outcome::Refused { with: accepted.clone() })
     );
     assert!(found.p_value >= 0.01);
+    // The report says so in JSON too, without what only the search needs.
+    let json = serde_json::to_value(&found).unwrap();
+    let refused = json["proposals"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|p| p["outcome"] == "refused")
+        .unwrap();
+    assert_eq!(refused["with"][0], accepted[0]);
+    assert_eq!(
+        (json["covariance"].as_array().unwrap().len(), json.get("search")),
+        (12, None)
+    );
 }
 
 #[test]
