@@ -1,11 +1,12 @@
 //! Contours with their covariance, geometric constraints, views, and the solids that they mean.
 //!
-//! Three parts, each usable by itself:
+//! Five parts, each usable by itself:
 //!
 //! | module | what |
 //! |---|---|
 //! | [`contour`] | which shape a ranging sensor of uncertain pose saw, its dimensions and their covariance |
-//! | [`constraint`] | what holds between the parts of a drawing, found, imposed, counted; and its graphs |
+//! | [`constraint`] | what holds between the parts of a drawing: found, imposed, counted |
+//! | [`graph`] | the graphs of those constraints, of several views together, and tours through them |
 //! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: made, checked, tessellated |
 //! | [`views`] | every solid that two or three orthographic views can mean |
 //!
@@ -15,4 +16,5 @@
 pub mod brep;
 pub mod constraint;
 pub mod contour;
+pub mod graph;
 pub mod views;

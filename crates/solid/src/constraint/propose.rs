@@ -1,0 +1,324 @@
+//! Relations proposed by tests on the estimated covariance, and imposed as far as they agree.
+//!
+//! Comes in: an estimate of a drawing's parameters with its covariance. Goes out: what happened to every candidate, and the estimate with
+//! the accepted ones imposed. Not guaranteed: that what is accepted is meant; `expected_by_chance` says how many would come up among parts that have
+//! nothing to do with each other.
+
+use super::candidates::{Candidate, candidates};
+use super::drawing::Drawing;
+use super::evidence::{Level, State, Test, test};
+use super::impose::{Imposed, chi_square_tail, impose};
+use super::minimal::quick_xplain;
+use super::relation::Constraint;
+use nalgebra::DMatrix;
+use planish_estimate::{Error, Result};
+use serde::Serialize;
+
+/// How to propose relations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConstrainOptions {
+    /// The probability with which true relations fail: any at all the tests of single ones, which share it, and all together the joint one.
+    pub level: f64,
+    /// The largest share of its range in which a relation would be accepted: where it is larger, agreement means too little.
+    pub max_chance: f64,
+    /// How truly relations hold: angles in radians, lengths as shares of the drawing's extent. Zero for exactly.
+    pub sigma: f64,
+    /// Constraints imposed without a test: anchors, ends of arcs on their circles, known dimensions.
+    pub given: Vec<Constraint>,
+}
+
+impl Default for ConstrainOptions {
+    /// A level of 0.01, a chance of 0.05, exact, nothing given.
+    fn default() -> Self {
+        Self {
+            level: 0.01,
+            max_chance: 0.05,
+            sigma: 0.0,
+            given: Vec::new(),
+        }
+    }
+}
+
+/// What became of a candidate.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "outcome", rename_all = "snake_case")]
+pub enum Outcome {
+    /// It agrees with the estimate and with all accepted before it, and was imposed.
+    Imposed,
+    /// It follows from what was imposed before, or from the estimate itself.
+    Implied,
+    /// The estimate alone contradicts it.
+    Rejected,
+    /// It agrees with the estimate, but not together with these proposals, by index; none of them can be left out.
+    Refused {
+        /// The proposals it quarrels with; none where it fails the joint test with what was given alone.
+        with: Vec<usize>,
+    },
+    /// The estimate is too uncertain for an agreement to mean anything, or accepted relations leave it to terms of second order.
+    Unclear,
+}
+
+/// A relation that was looked at.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Proposal {
+    /// The relation.
+    pub constraint: Constraint,
+    /// The relation in words.
+    pub text: String,
+    /// Its χ² under the estimate alone.
+    pub chi_square: f64,
+    /// The degrees of freedom of that χ².
+    pub degrees: usize,
+    /// The probability of a χ² at least as large when the relation is true.
+    pub p_value: f64,
+    /// The share of its range in which it would have been accepted: the probability of an accident. At the time of its last test.
+    pub chance: f64,
+    /// What became of it.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+}
+
+/// An estimate with the relations that it agrees with imposed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Constrained {
+    /// The drawing.
+    pub drawing: Drawing,
+    /// The covariance of its parameters.
+    #[serde(serialize_with = "as_rows")]
+    pub covariance: DMatrix<f64>,
+    /// Every relation that was looked at.
+    pub proposals: Vec<Proposal>,
+    /// All that was imposed: what was given, what was accepted, dimensions that were snapped; in this order.
+    pub constraints: Vec<Constraint>,
+    /// What all that cost the estimate.
+    pub chi_square: f64,
+    /// The degrees of freedom of that χ².
+    pub degrees: usize,
+    /// The probability of a χ² at least as large.
+    pub p_value: f64,
+    /// What is left free, motions of the whole included.
+    pub freedoms: usize,
+    /// How many relations would be accepted of parts that have nothing to do with each other.
+    pub expected_by_chance: f64,
+    #[serde(skip)]
+    pub(super) search: Search,
+}
+
+fn as_rows<S: serde::Serializer>(matrix: &DMatrix<f64>, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_seq(matrix.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()))
+}
+
+/// The estimate, and what is imposed on it so far.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Search {
+    pub(super) estimate: Drawing,
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) options: ConstrainOptions,
+    /// How many tests share the level.
+    tests: usize,
+    /// Each one's share.
+    share: Level,
+    /// χ² and degrees of what was given.
+    given: (f64, usize),
+}
+
+/// Finds the relations that hold in a drawing, and imposes them.
+///
+/// 1. Every one of the [`candidates`] is tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability that *any* true one is
+///    lost by `level`.
+/// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that of a residual anywhere in
+///    its range. One whose window of acceptance covers more than `max_chance` of that range has to wait until others have made the
+///    estimate sharper, and is unclear in the end.
+/// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its share of the level, or all of
+///    them fail the level together, it is refused, and the smallest set it quarrels with is named. Repeat from 2.
+///
+/// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose variance is of second order has to wait too: near a
+/// rectangle, one pair of parallel sides leaves the others equal to first order, though a trapezoid's are not.
+/// Cost: `c (c + m n²)` for `c` candidates, of which there are about `2 b²` for `b` bars.
+///
+/// # Errors
+/// `Input` when the covariance does not fit the drawing, an option is out of range, or what is given contradicts itself.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DMatrix;
+/// use planish_solid::constraint::{BarId, ConstrainOptions, Constraint, Drawing, Outcome, constrain};
+///
+/// // A rectangle, known to 0.05 and somewhat turned: three right angles make the fourth and both parallels.
+/// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
+/// let found = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0025), &ConstrainOptions::default())?;
+/// assert_eq!(found.freedoms, 5);
+/// let last = found.proposals.iter().find(|p| p.constraint == Constraint::Parallel { a: BarId(1), b: BarId(3) });
+/// assert!(matches!(last.map(|p| &p.outcome), Some(Outcome::Imposed | Outcome::Implied)));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
+/// # References
+/// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004, *Choosing consistent constraints
+/// for beautification of reverse engineered geometric models*.
+pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &ConstrainOptions) -> Result<Constrained> {
+    for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
+        if !(value > 0.0 && value < 1.0) {
+            return Err(Error::input(format!(
+                "the {name} must lie between 0 and 1, not at {value}"
+            )));
+        }
+    }
+    let candidates = candidates(drawing);
+    let given = impose(drawing, covariance, &options.given, options.sigma)?;
+    let search = Search {
+        estimate: drawing.clone(),
+        covariance: covariance.clone(),
+        options: options.clone(),
+        tests: candidates.len().max(1),
+        share: Level::new(options.level / candidates.len().max(1) as f64),
+        given: (given.chi_square, given.degrees),
+    };
+    let mut proposals = search.single_tests(&candidates)?;
+    let expected_by_chance = proposals
+        .iter()
+        .filter(|p| p.degrees > 0)
+        .map(|p| p.chance.min(1.0))
+        .sum();
+    let state = search.accept(&candidates, &mut proposals, given)?;
+    Ok(Constrained {
+        constraints: search.constraints(&proposals),
+        freedoms: drawing.parameters() - state.degrees,
+        drawing: state.drawing,
+        covariance: state.covariance,
+        chi_square: state.chi_square,
+        degrees: state.degrees,
+        p_value: state.p_value,
+        expected_by_chance,
+        proposals,
+        search,
+    })
+}
+
+impl Constrained {
+    /// The relations that were accepted.
+    pub fn accepted(&self) -> impl Iterator<Item = &Proposal> {
+        self.proposals.iter().filter(|p| p.outcome == Outcome::Imposed)
+    }
+}
+
+impl Search {
+    /// Tests every candidate under the estimate alone; those that Holm's procedure rejects are marked, all others unclear for now.
+    fn single_tests(&self, candidates: &[Candidate]) -> Result<Vec<Proposal>> {
+        let mut proposals = Vec::with_capacity(candidates.len());
+        let alone = State::unconstrained(&self.estimate, &self.covariance);
+        for candidate in candidates {
+            let test = self.test(candidate, &alone)?;
+            let known = if test.holds {
+                Outcome::Implied
+            } else {
+                Outcome::Rejected
+            };
+            proposals.push(Proposal {
+                constraint: candidate.constraint,
+                text: candidate.constraint.describe(&self.estimate),
+                chi_square: test.chi_square,
+                degrees: test.degrees,
+                p_value: test.p_value,
+                chance: test.chance,
+                outcome: if test.degrees > 0 { Outcome::Unclear } else { known },
+            });
+        }
+        let mut order: Vec<usize> = (0..proposals.len()).filter(|&i| proposals[i].degrees > 0).collect();
+        order.sort_by(|&a, &b| proposals[a].p_value.total_cmp(&proposals[b].p_value));
+        for (k, &i) in order.iter().enumerate() {
+            if proposals[i].p_value >= self.options.level / (order.len() - k) as f64 {
+                break;
+            }
+            proposals[i].outcome = Outcome::Rejected;
+        }
+        Ok(proposals)
+    }
+
+    /// Takes the best candidate again and again, until none is left that means anything.
+    fn accept(&self, candidates: &[Candidate], proposals: &mut [Proposal], given: Imposed) -> Result<Imposed> {
+        let mut state = given;
+        loop {
+            let now = State::new(&state.drawing, &state.covariance, &self.constraints(proposals));
+            let mut best: Option<(usize, Test)> = None;
+            for i in 0..candidates.len() {
+                if proposals[i].outcome != Outcome::Unclear {
+                    continue;
+                }
+                let test = self.test(&candidates[i], &now)?;
+                proposals[i].chance = test.chance;
+                if !test.is_linear {
+                    continue;
+                }
+                if test.degrees == 0 && test.holds {
+                    proposals[i].outcome = Outcome::Implied;
+                } else if test.degrees == 0 {
+                    proposals[i].outcome = self.refusal(proposals, i);
+                } else if test.chance <= self.options.max_chance
+                    && best
+                        .as_ref()
+                        .is_none_or(|(_, known)| test.log_evidence > known.log_evidence)
+                {
+                    best = Some((i, test));
+                }
+            }
+            let Some((i, _)) = best else {
+                return Ok(state);
+            };
+            proposals[i].outcome = Outcome::Imposed;
+            match self.tried(&self.constraints(proposals), &state) {
+                Some(next) => state = next,
+                None => {
+                    proposals[i].outcome = Outcome::Unclear;
+                    proposals[i].outcome = self.refusal(proposals, i);
+                }
+            }
+        }
+    }
+
+    /// What was given, then what was accepted.
+    fn constraints(&self, proposals: &[Proposal]) -> Vec<Constraint> {
+        let accepted = proposals.iter().filter(|p| p.outcome == Outcome::Imposed);
+        self.options
+            .given
+            .iter()
+            .copied()
+            .chain(accepted.map(|p| p.constraint))
+            .collect()
+    }
+
+    /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and all pass it together.
+    pub(super) fn tried(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
+        let next = impose(&self.estimate, &self.covariance, constraints, self.options.sigma).ok()?;
+        let added = chi_square_tail(
+            (next.chi_square - before.chi_square).max(0.0),
+            next.degrees.saturating_sub(before.degrees),
+        );
+        let joint = chi_square_tail(
+            (next.chi_square - self.given.0).max(0.0),
+            next.degrees.saturating_sub(self.given.1),
+        );
+        (added >= self.options.level / self.tests as f64 && joint >= self.options.level).then_some(next)
+    }
+
+    /// The smallest set of accepted proposals that a candidate cannot be accepted after.
+    fn refusal(&self, proposals: &[Proposal], candidate: usize) -> Outcome {
+        let accepted: Vec<usize> = (0..proposals.len())
+            .filter(|&i| proposals[i].outcome == Outcome::Imposed)
+            .collect();
+        let found = quick_xplain(accepted.len(), |chosen| {
+            let mut constraints = self.options.given.clone();
+            constraints.extend(chosen.iter().map(|&i| proposals[accepted[i]].constraint));
+            let before = impose(&self.estimate, &self.covariance, &constraints, self.options.sigma);
+            constraints.push(proposals[candidate].constraint);
+            before.is_ok_and(|before| self.tried(&constraints, &before).is_some())
+        });
+        Outcome::Refused {
+            with: found.into_iter().map(|i| accepted[i]).collect(),
+        }
+    }
+
+    pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Result<Test> {
+        test(candidate, state, &self.covariance, self.share)
+    }
+}
