@@ -80,6 +80,8 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
         })
         .unwrap();
     model.data.add_scaled(&more, 1.0).unwrap();
+    // What the cells leave out of the shape no reading makes smaller.
+    model.shape_left.clear();
     let posterior = model.posterior().unwrap();
     let after = figures(
         &places(&model, &system.node_normals(&model.surface), &options),
