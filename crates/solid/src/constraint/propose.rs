@@ -177,8 +177,8 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
     let mut proposals = search.single_tests(&candidates)?;
     let expected_by_chance = proposals
         .iter()
-        .filter(|p| p.degrees > 0)
-        .map(|p| p.chance.min(1.0))
+        .filter(|p| p.degrees > 0 && p.chance <= options.max_chance)
+        .map(|p| p.chance)
         .sum();
     let state = search.accept(&candidates, &mut proposals, given)?;
     Ok(Constrained {

@@ -639,6 +639,20 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
 }
 
 #[test]
+fn circles_seen_twice_become_one() {
+    // Once they share a centre, whether they touch has no value any more.
+    for apart in [0.0, 0.01] {
+        let mut twice = Drawing::default();
+        for x in [0.0, apart] {
+            let centre = twice.point([x, 0.0]);
+            twice.circle(centre, 5.0 + x).unwrap();
+        }
+        let found = constrain(&twice, &(DMatrix::identity(6, 6) * 1e-4), &ConstrainOptions::default()).unwrap();
+        assert_eq!((found.degrees, found.freedoms), (3, 3));
+    }
+}
+
+#[test]
 fn dimensions_snap_when_the_grid_is_neither_contradicted_nor_too_fine() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let truth = rectangle(40.0, 25.23, 0.0);
