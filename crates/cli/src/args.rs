@@ -417,7 +417,7 @@ pub struct NextArgs {
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// No more points than this
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = some, allow_negative_numbers = true)]
     pub count: usize,
     /// σ of the readings to come, as a length [default: that of the model's best sensor]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
@@ -426,7 +426,7 @@ pub struct NextArgs {
     #[arg(long, value_name = "DRAWS", default_value_t = 0, value_parser = whole, allow_negative_numbers = true, hide_default_value = true)]
     pub against_random: usize,
     /// Propose no more than so many poses of a sensor, instead of points
-    #[arg(long, value_name = "N", value_parser = whole, allow_negative_numbers = true, requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"])]
+    #[arg(long, value_name = "N", value_parser = some, allow_negative_numbers = true, requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"])]
     pub views: Option<usize>,
     /// The sensor's field of view, range and σ, for --views
     #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, requires = "views")]
@@ -1060,6 +1060,13 @@ fn gate(text: &str) -> Result<f64, String> {
 fn whole(text: &str) -> Result<usize, String> {
     text.parse()
         .map_err(|_| "needed a whole number that is not below 0".to_owned())
+}
+
+fn some(text: &str) -> Result<usize, String> {
+    match whole(text) {
+        Ok(n @ 1..) => Ok(n),
+        _ => Err("needed a whole number above 0".to_owned()),
+    }
 }
 
 fn step(text: &str) -> Result<usize, String> {

@@ -194,6 +194,13 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
         ("divided", divided(fit)),
         ("ended", ending(fit).to_owned()),
     ]);
+    if let Some(left) = &fit.shape_left {
+        lines.line(format!(
+            "On {} of the area cells are too large to follow the shape: {} rms, which σ takes in",
+            percent(left.area_fraction),
+            length(left.rms)
+        ));
+    }
     propagation(&mut lines, fit, *unit);
     set_aside(&mut lines, fit);
     sensors(&mut lines, fit, *unit);

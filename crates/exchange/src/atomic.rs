@@ -70,6 +70,12 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
 /// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing or may not be written to, or the path names a folder or
 /// a file that is protected.
 pub fn check_writable(path: &Path) -> Result<()> {
+    if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+        return Err(Error::io(format!(
+            "{}: names a folder, needed the name of a file",
+            path.display()
+        )));
+    }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
         Target::File { folder, .. } => temporary_in(&folder).map(drop).map_err(|e| not_made(path, &folder, &e)),

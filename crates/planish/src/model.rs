@@ -152,6 +152,8 @@ pub struct SurfaceModel {
     pub data: BlockInformation,
     /// For each leaf, what it is known by.
     pub observed: Vec<Observed>,
+    /// For each leaf, the mean square of the shape along its normal that it leaves out, as its readings show; it is a part of σ. Empty where nothing was looked at.
+    pub shape_left: Vec<f64>,
     /// Sensors that went in.
     pub sensors: Vec<SensorReport>,
     /// Poses that went in.
@@ -182,6 +184,8 @@ pub struct Posterior<'a> {
     covariance: Arc<NodeCovariance>,
     /// Whether what scans share counts as known.
     given_shared: bool,
+    /// For each leaf what it leaves out of the shape; nothing where it is empty.
+    shape_left: &'a [f64],
 }
 
 /// The covariance of a surface's vertices where they share a leaf.
@@ -221,6 +225,8 @@ pub struct LeafCovariance<'a> {
     weights: &'a [[f64; 16]],
     motion: Motion,
     covariance: Vec<f64>,
+    /// The mean square of what the leaf leaves out of the shape.
+    shape_left: f64,
 }
 
 /// The sixteen coefficients of a leaf as functions of themselves.
@@ -270,7 +276,7 @@ impl SurfaceModel {
     /// `Undetermined` when prior and data leave a vertex open.
     pub fn posterior(&self) -> Result<Posterior<'_>> {
         let covariance = self.covariance(&SurfaceSystem::new(self.surface.space())?)?;
-        Ok(Posterior::new(&self.surface, Arc::new(covariance)))
+        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_shape_left(&self.shape_left))
     }
 
     /// What [`SurfaceModel::posterior`] is made of, by the equations of the surface's own hierarchy.
@@ -415,7 +421,13 @@ impl<'a> Posterior<'a> {
             surface,
             covariance,
             given_shared: false,
+            shape_left: &[],
         }
+    }
+
+    /// The same with what each leaf leaves out of the shape.
+    pub(crate) fn with_shape_left(self, shape_left: &'a [f64]) -> Self {
+        Self { shape_left, ..self }
     }
 
     /// The same as if poses and biases of all scans were known: what readings of these scans see.
@@ -424,6 +436,7 @@ impl<'a> Posterior<'a> {
             surface: self.surface,
             covariance: Arc::clone(&self.covariance),
             given_shared: true,
+            shape_left: self.shape_left,
         }
     }
 
@@ -432,6 +445,7 @@ impl<'a> Posterior<'a> {
     /// # Errors
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
+        let shape_left = self.shape_left.get(leaf).copied().unwrap_or(0.0);
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
         let WholeCovariance {
             inverse,
@@ -447,6 +461,7 @@ impl<'a> Posterior<'a> {
                         _ => [1.0; 3],
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
+                    shape_left,
                 });
             }
         };
@@ -463,6 +478,7 @@ impl<'a> Posterior<'a> {
                 Motion::Freely => Motion::Freely,
             },
             covariance,
+            shape_left,
         })
     }
 
@@ -521,7 +537,8 @@ impl<'a> Posterior<'a> {
 }
 
 impl LeafCovariance<'_> {
-    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`.
+    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`: of points of the surface with what the leaf leaves out of the shape,
+    /// of differences between them without.
     #[must_use]
     pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
         // By fours and by rows: a plain sum would wait for each of its additions.
@@ -556,6 +573,7 @@ impl LeafCovariance<'_> {
                 *y += r * s;
             }
         }
-        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
+        let placed: f64 = c.iter().sum();
+        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>() + self.shape_left * placed * placed * dot(a, a)
     }
 }

@@ -257,10 +257,11 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
 
 /// Refuses the first length that is stated and not positive.
 fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
-    let wrong = |value: &Option<f64>| value.is_some_and(|v| !(v > 0.0 && v.is_finite()));
+    // Squares of what lies outside are zero or infinite.
+    let wrong = |value: &Option<f64>| value.is_some_and(|v| !(1e-100..1e100).contains(&v));
     match lengths.iter().find(|(_, value)| wrong(value)) {
         Some((name, value)) => Err(Error::input(format!(
-            "needed a {name} > 0, found {}",
+            "needed a {name} > 0, between 1e-100 and 1e100, found {}",
             value.unwrap_or(f64::NAN)
         ))),
         None => Ok(()),

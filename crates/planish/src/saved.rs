@@ -7,6 +7,7 @@
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
+//! | `shape_left` | L | mean square of the shape along the normal that the leaf leaves out, where any does; a part of σ² |
 //! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was invented by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
@@ -98,6 +99,7 @@ struct Metadata {
     patch_filter: Option<patches::Notes>,
 }
 
+const SHAPE_LEFT: &str = "shape_left";
 /// What scans share: the coupling of vertices, along the surface's normals, with the unknowns, and the information about these.
 const SHARED_COUPLING: &str = "information_shared_coupling";
 const SHARED_CORNER: &str = "information_shared_corner";
@@ -250,6 +252,9 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             tensor(&[width, width], TensorData::F64(shared.corner.clone())),
         );
     }
+    if !model.shape_left.is_empty() {
+        tensors.insert(SHAPE_LEFT.to_owned(), Tensor::f64_list(model.shape_left.clone()));
+    }
     if let Some(filter) = &model.patches {
         patches::add(&mut tensors, filter)?;
     } else {
@@ -332,6 +337,25 @@ impl Tensors {
                 )))
             }
         }
+    }
+
+    /// What each leaf leaves out of the shape, by the leaves of the cells of the file; nothing where the file says nothing.
+    fn shape_left(&mut self, order: &[usize]) -> Result<Vec<f64>> {
+        if !self.0.contains_key(SHAPE_LEFT) {
+            return Ok(Vec::new());
+        }
+        let of_cells = self.f64(SHAPE_LEFT, &[])?;
+        if of_cells.len() != order.len() || of_cells.iter().any(|&square| square < 0.0) {
+            return Err(Error::input(format!(
+                "tensor `{SHAPE_LEFT}`: needed a mean square ≥ 0 for each of {} cells",
+                order.len()
+            )));
+        }
+        let mut left = vec![0.0; order.len()];
+        for (&leaf, square) in order.iter().zip(of_cells) {
+            left[leaf] = square;
+        }
+        Ok(left)
     }
 
     fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
@@ -450,6 +474,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     for (&leaf, &mark) in order.iter().zip(&marks) {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
+    let shape_left = tensors.shape_left(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
     let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
@@ -506,6 +531,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         shared: tensors.shared(space.node_count())?,
         measured_coordinates: metadata.measured_coordinates,
         moves_freely: metadata.moves_freely,
+        shape_left,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };

@@ -46,6 +46,7 @@ pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> Su
         .unwrap();
     SurfaceModel {
         measured_coordinates: None,
+        shape_left: Vec::new(),
         moves_freely: false,
         patches: None,
         shared: None,

@@ -35,6 +35,9 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
+/// No picture has so many columns.
+const MOST_PIXELS: f64 = 1e7;
+
 /// Two calibrated cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one a job")]
@@ -158,11 +161,36 @@ fn parse_rectified(text: &str) -> Result<StereoCalibration> {
         "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; others need two [[view]] with K, R and t",
     )?;
     check_numbers(&[
-        ("f", t.f, t.f > 0.0, "a finite number above 0"),
-        ("cx", t.cx, true, "a finite number"),
-        ("cy", t.cy, true, "a finite number"),
-        ("baseline", t.baseline, t.baseline > 0.0, "a finite number above 0"),
-        ("doffs", t.doffs, true, "a finite number"),
+        (
+            "f",
+            t.f,
+            t.f > 0.0 && t.f < MOST_PIXELS,
+            "a finite number of pixels above 0 and below 1e7",
+        ),
+        (
+            "cx",
+            t.cx,
+            t.cx.abs() < MOST_PIXELS,
+            "a finite number of pixels within ±1e7",
+        ),
+        (
+            "cy",
+            t.cy,
+            t.cy.abs() < MOST_PIXELS,
+            "a finite number of pixels within ±1e7",
+        ),
+        (
+            "baseline",
+            t.baseline,
+            t.baseline > 0.0 && t.baseline < 1e12,
+            "a finite number above 0 and below 1e12",
+        ),
+        (
+            "doffs",
+            t.doffs,
+            t.doffs.abs() < MOST_PIXELS,
+            "a finite number of pixels within ±1e7",
+        ),
     ])?;
     check_sigma(t.sigma_disparity_px)?;
     Ok(StereoCalibration {

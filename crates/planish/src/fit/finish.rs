@@ -8,6 +8,7 @@ use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
 use super::patch::Fused;
+use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
@@ -16,8 +17,16 @@ use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_spline::{FootPointSearch, SurfaceSystem};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// A limit of depth that leaves shape out on more than this share of the area is told.
+const MOST_LEFT: f64 = 0.1;
+/// Draws of the surface's noise: each scan's share of them is summed over thousands of readings.
+const NOISE_DRAWS: u64 = 12;
 
 /// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
 pub(super) fn finish(
@@ -69,6 +78,7 @@ pub(super) fn finish(
         prior,
         data,
         observed: Vec::new(),
+        shape_left: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
@@ -97,13 +107,13 @@ pub(super) fn finish(
     }
     progress.check("covariance", 0.95)?;
     let mut covariance = Arc::new(model.covariance(&system)?);
-    if let Some(information_of_shared) = &mut model.shared {
+    if let Some(mut information_of_shared) = model.shared.take() {
         let less = {
-            let given = Posterior::new(&model.surface, Arc::clone(&covariance)).given_shared();
             let channels = FootChannels::new(observations, &subset);
+            let noise = noise_of_surface(&system, &model, &feet, &information)?;
             observations
                 .shared
-                .noise_information(&given, &feet, &information, &channels)?
+                .noise_information(&model.surface, &noise, &feet, &information, &channels)
         };
         if let Some(made) = Arc::into_inner(covariance) {
             let (made, change) = made.with_less_shared(&less, &stated)?;
@@ -114,6 +124,7 @@ pub(super) fn finish(
         } else {
             unreachable!("nobody else holds the covariance")
         }
+        model.shared = Some(information_of_shared);
     }
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     // What readings see of the surface they see from where their scans stand.
@@ -129,6 +140,21 @@ pub(super) fn finish(
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
+    let channels = FootChannels::new(observations, &subset);
+    let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
+    // Other readings may have shown more.
+    if let Some(earlier) = earlier {
+        for (leaf, left) in left.iter_mut().enumerate() {
+            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
+            let before = earlier.surface.space().locate(u, v).0;
+            *left = left.max(earlier.shape_left.get(before).copied().unwrap_or(0.0));
+        }
+    }
+    if left.iter().any(|left| *left > 0.0) {
+        model.shape_left = left;
+    }
+    let surface = &model.surface;
+    let posterior = Posterior::new(surface, Arc::clone(&covariance)).with_shape_left(&model.shape_left);
     let taken = |k: usize| observations.invented(subset[k] as usize).is_none();
     let own = leaves_with_feet(surface, &feet, &information, taken);
     let mut measured = with_neighbours(surface.space(), &own);
@@ -169,7 +195,9 @@ pub(super) fn finish(
     for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
-    let held_out = judge(&seen, observations, &noise, &mut at, options.gate)?;
+    // The σ of the readings was found from residuals that hold what is left out.
+    let exact = Posterior::new(surface, Arc::clone(&covariance)).given_shared();
+    let held_out = judge(&exact, observations, &noise, &mut at, options.gate)?;
     if !observed.contains(&Observed::Measured) {
         return Err(Error::undetermined(
             "no part of the surface was measured: every reading was gated",
@@ -232,6 +260,15 @@ pub(super) fn finish(
                 .to_owned(),
         );
     }
+    let left = ShapeLeft::of(&model.shape_left, &areas);
+    let too_shallow = options.max_depth.is_some() && left.is_some_and(|left| left.area_fraction > MOST_LEFT);
+    if too_shallow {
+        warnings.push(
+            "the limit of depth was reached before the residuals were down to noise: σ takes in what is left out of the shape, but σ of sensors that are estimated \
+             do so, too; raise --max-depth for more detail"
+                .to_owned(),
+        );
+    }
     if reached_limit {
         warnings.push(format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
@@ -272,11 +309,12 @@ pub(super) fn finish(
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
+        shape_left: left,
         observed_area_fraction: observed_area / total_area,
         smoothness_weight: weight,
         propagation: None,
         held_out,
-        termination: if reached_limit {
+        termination: if reached_limit || too_shallow {
             FitTermination::Limit
         } else if reached_tolerance {
             FitTermination::ReachedTolerance
@@ -297,6 +335,47 @@ pub(super) fn finish(
         forming: None,
         covariance,
     })
+}
+
+/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf: `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1).
+///
+/// Its covariance `Λ⁻¹ Λ_data Λ⁻¹` is less than the posterior's, which also holds the detail that the surface does not show.
+fn noise_of_surface(
+    system: &SurfaceSystem,
+    model: &SurfaceModel,
+    feet: &[Foot],
+    information: &[f64],
+) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
+    let (surface, space) = (&model.surface, system.space());
+    let directions = system.node_normals(surface);
+    let mut known = system.contract(&model.data, &directions)?;
+    known.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
+    let factor = system.factorize_scalar(&known)?;
+    let (start, order) = by_leaf(feet, space.leaves().len());
+    (0..NOISE_DRAWS)
+        .map(|draw| {
+            let mut rng = ChaCha8Rng::seed_from_u64(draw);
+            let drawn: Vec<[f64; 3]> = (0..feet.len())
+                .map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng)))
+                .collect();
+            let sums = system.accumulate_along(&directions, |leaf, add| {
+                for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+                    let (foot, w) = (&feet[k as usize], information[k as usize]);
+                    if w > 0.0 {
+                        foot.rows(surface, |r, row| {
+                            add(row, foot.normal, drawn[k as usize][r] / w.sqrt(), w)
+                        });
+                    }
+                }
+            })?;
+            let mut moved = sums.vector().to_vec();
+            factor.solve_in_place(&mut moved)?;
+            let vertices: Vec<[f64; 3]> = (directions.iter().zip(&moved))
+                .map(|(d, by)| d.map(|d| d * by))
+                .collect();
+            Ok(space.leaf_coefficients(&vertices))
+        })
+        .collect()
 }
 
 /// Lays new observations on the surface of a model whose hierarchy stays.

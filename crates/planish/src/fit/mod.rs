@@ -16,6 +16,7 @@ mod observations;
 mod patch;
 mod refined;
 mod rough;
+mod shape_left;
 mod shared;
 mod smoothing;
 mod stages;
@@ -26,6 +27,7 @@ pub use observations::{InventedReading, InventedVariance, ObservationOptions, Ob
 pub(crate) use patch::{FirstFit, first_fit_of};
 pub(crate) use refined::RefinementLog;
 pub use refined::{LevelRefinement, RefineBy};
+pub use shape_left::ShapeLeft;
 pub(crate) use stages::{extent_of, with_neighbours};
 
 use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
@@ -188,6 +190,9 @@ pub struct FitReport {
     pub poses: Vec<crate::model::PoseReport>,
     /// σ along the normal.
     pub sigma: SigmaSummary,
+    /// Shape that cells are too large to follow, as the readings show; it is in σ. None where they show none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape_left: Option<ShapeLeft>,
     /// Share of the surface's area that was measured.
     pub observed_area_fraction: f64,
     /// Weight of the thin-plate energy, by marginal likelihood.
@@ -244,7 +249,7 @@ impl Fit {
     /// The posterior covariance of the model, which the fit has made already.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
-        Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
+        Posterior::new(&self.model.surface, Arc::clone(&self.covariance)).with_shape_left(&self.model.shape_left)
     }
 }
 
@@ -257,6 +262,11 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     {
         return Err(Error::unsupported(
             "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
+        ));
+    }
+    if options.motion == Some(ThingMotion::Rigid) && options.filter == Some(Filter::Patch) {
+        return Err(Error::unsupported(
+            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of it: needed --filter global",
         ));
     }
     match options.motion {

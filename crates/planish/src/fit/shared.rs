@@ -15,10 +15,10 @@
 
 use super::engine::{Foot, FootChannels};
 use super::observations::{Measured, Observations, Quantity, moved_viewing};
-use crate::model::{PoseReport, Posterior, SharedInformation, SurfaceModel};
+use crate::model::{PoseReport, SharedInformation, SurfaceModel};
 use planish_estimate::Result;
 use planish_estimate::sparse::Bordered;
-use planish_estimate::vector3::{add, cross, distance, dot, norm, sub};
+use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{Pose, Viewing, ray_at};
@@ -398,28 +398,29 @@ impl SharedErrors {
     }
 
     /// What noise of the surface alone seems to say of the poses: `Σ w J Σ_n Jᵀ` with `J = ∂(n, (z − c) × n)/∂n`, over the covariance `Σ_n` of
-    /// the surface's normals at the feet.
+    /// the surface's normals at the feet, by draws of its noise.
     ///
     /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a rotation is zero; those of its
     /// noisy estimate are not, and would count as information that nobody has, whatever the σ: more noise makes more of it.
     pub(super) fn noise_information(
         &self,
-        posterior: &Posterior<'_>,
+        surface: &Surface,
+        noise: &[Vec<[[f64; 3]; 16]>],
         feet: &[Foot],
         information: &[f64],
         channels: &FootChannels<'_>,
-    ) -> Result<Vec<f64>> {
+    ) -> Vec<f64> {
         let (mut start, width) = (self.earlier_width(), self.width());
         let own = self.readings(information, channels);
         let parts: Vec<Vec<f64>> = (self.errors.par_iter().zip(&own))
-            .map(|(error, own)| error.noise_information(posterior, feet, information, channels, own))
-            .collect::<Result<_>>()?;
+            .map(|(error, own)| error.noise_information(surface, noise, feet, information, channels, own))
+            .collect();
         let mut made = vec![0.0; width * width];
         for (error, part) in self.errors.iter().zip(parts) {
             put_block(&mut made, width, start, &part, error.width());
             start += error.width();
         }
-        Ok(made)
+        made
     }
 
     /// The readings of each error's scan that take part.
@@ -584,40 +585,47 @@ impl SharedError {
     /// [`SharedErrors::noise_information`] of one scan, by a sample of its positions.
     fn noise_information(
         &self,
-        posterior: &Posterior<'_>,
+        surface: &Surface,
+        noise: &[Vec<[[f64; 3]; 16]>],
         feet: &[Foot],
         information: &[f64],
         channels: &FootChannels<'_>,
         own: &[u32],
-    ) -> Result<Vec<f64>> {
+    ) -> Vec<f64> {
         let m = self.width();
         let mut made = vec![0.0; m * m];
         if !self.moves() {
-            return Ok(made);
+            return made;
         }
-        let surface = posterior.surface();
         let step = own.len().div_ceil(ENOUGH_FOR_NOISE).max(1);
         for &k in own.iter().step_by(step) {
             let (foot, w) = (&feet[k as usize], step as f64 * information[k as usize]);
             let point = channels.observations.points[channels.subset[k as usize] as usize];
-            let Some(frame) =
-                (surface.tangent_rows(foot.leaf as usize, foot.local)).filter(|_| foot.quantity == Quantity::Position)
+            let leaf = foot.leaf as usize;
+            let Some(frame) = surface
+                .tangent_rows(leaf, foot.local)
+                .filter(|_| foot.quantity == Quantity::Position)
             else {
                 continue;
             };
-            let cell = posterior.leaf(foot.leaf as usize)?;
-            for (direction, slope) in frame.tangents.iter().zip(&frame.slopes) {
-                let variance = cell.variance_along(slope, foot.normal);
-                let turn = cross(sub(point, self.center), *direction);
-                let row = [direction[0], direction[1], direction[2], turn[0], turn[1], turn[2], 0.0];
+            // How the noise of the surface turns the normal here: both tangents of a draw together.
+            for drawn in noise {
+                let [a, b] = [0, 1].map(|t| -> f64 {
+                    (frame.slopes[t].iter().zip(&drawn[leaf]))
+                        .map(|(s, c)| s * dot(foot.normal, *c))
+                        .sum()
+                });
+                let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
+                let turn = cross(sub(point, self.center), turned);
+                let row = [turned[0], turned[1], turned[2], turn[0], turn[1], turn[2], 0.0];
                 for (a, &ka) in self.unknowns.iter().enumerate() {
                     for (b, &kb) in self.unknowns.iter().enumerate() {
-                        made[a * m + b] += w * variance * row[ka] * row[kb];
+                        made[a * m + b] += w / noise.len() as f64 * row[ka] * row[kb];
                     }
                 }
             }
         }
-        Ok(made)
+        made
     }
 
     /// [`SharedErrors::equations`] of one scan, by its readings `own`.

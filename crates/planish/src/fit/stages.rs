@@ -106,6 +106,13 @@ pub(super) fn settle(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
+    let places = |c: &super::observations::Channel| c.quantity == Quantity::Position && !c.invented;
+    if !observations.channels.iter().any(places) {
+        return Err(Error::undetermined(
+            "no reading measures a position: normals and curvatures leave open where the surface lies and, of closed shapes, how large it is; add \
+             positions (a few touches will do), or say kind = \"range\" where the points of these sensors are measured, too",
+        ));
+    }
     let surface = first_surface(observations, options, 1, progress)?;
     let subset: Vec<u32> = (0..observations.len() as u32)
         .filter(|&i| !observations.held_out[i as usize])

@@ -468,7 +468,7 @@ impl Stage {
         let name = scene.name();
         let kind = match scene {
             PictureScene::Stereo => "stereo",
-            PictureScene::Grid => "curvature",
+            PictureScene::Grid => "range",
         };
         let mut text = format!(
             "# Simulated views; the files are those that `planish sense {name}` writes.\nunit = \"{}\"\n\n[sensor.{name}]\nkind = \"{kind}\"\n",

@@ -336,6 +336,7 @@ impl SurfaceStream {
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
             measured_coordinates: None,
+            shape_left: Vec::new(),
             moves_freely: false,
             shared: None,
             patches: Some(Arc::new(self.core.filter.clone())),

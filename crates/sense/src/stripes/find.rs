@@ -190,7 +190,7 @@ fn check(value: f64, name: &str, least: f64, most: f64) -> Result<()> {
     match value >= least && value <= most {
         true => Ok(()),
         false => Err(Error::input(format!(
-            "needed a {name} from {least} to {most} pixels, found {value}"
+            "needed a {name} from {least:e} to {most} pixels, found {value:e}"
         ))),
     }
 }
