@@ -25,8 +25,8 @@ impl Equation {
 
 /// Some equations of constraints as a measurement `f(x) + v = 0`, for the estimators.
 ///
-/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of zero covariance it
-/// is a constraint proper.
+/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of zero
+/// covariance it is a constraint proper.
 ///
 /// # Examples
 /// ```

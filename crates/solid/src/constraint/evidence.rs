@@ -23,8 +23,8 @@ pub(super) struct State {
 
 /// Enough to tell the size of what is not linear.
 const OTHERS: u64 = 8;
-/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear part but for the estimate's own
-/// deviations, both are of one size.
+/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear
+/// part but for the estimate's own deviations, both are of one size.
 const STRAIGHT: f64 = 0.01;
 /// A residual is zero below this share of its range.
 const ZERO: f64 = 1e-6;
