@@ -1,8 +1,8 @@
 //! How many freedoms constraints leave, which are redundant, and which contradict each other.
 //!
-//! Comes in: a drawing and constraints, in order of preference. Goes out: ranks at a witness, smallest redundant and smallest conflicting
-//! sets, and the structure's over-, well- and under-determined parts. Not guaranteed: that a conflict is real where the drawing is far
-//! from what its dimensions say; the search for a solution starts there.
+//! Comes in: a drawing and constraints, in order of preference. Goes out: ranks at a witness, smallest redundant and
+//! smallest conflicting sets, and the structure's over-, well- and under-determined parts. Not guaranteed: that a
+//! conflict is real where the drawing is far from what its dimensions say; the search for a solution starts there.
 
 use super::drawing::Drawing;
 use super::draws::Draws;
@@ -58,14 +58,15 @@ const STARTS: u64 = 3;
 
 /// Freedoms, redundant and conflicting constraints of a drawing.
 ///
-/// *Conflicting*: as long as all that is left has no solution, the smallest set without one is found (QuickXplain) and its last member,
-/// in the order given, is set aside. *Redundant*: of the rest, rows of the Jacobian at a [`witness`] that are combinations of earlier ones; the
-/// combination names the set. So both name the later of two that exclude each other: state what is sure first.
-/// *Structure*: [`Incidence::decomposition`], which sees no numbers, and takes a redundancy that geometry makes for a constraint.
-/// Cost: some `k log m` solutions for a conflict of `k` among `m`, and `m² n`.
+/// *Conflicting*: as long as all that is left has no solution, the smallest set without one is found (QuickXplain) and
+/// its last member, in the order given, is set aside. *Redundant*: of the rest, rows of the Jacobian at a [`witness`]
+/// that are combinations of earlier ones; the combination names the set. So both name the later of two that exclude
+/// each other: state what is sure first. *Structure*: [`Incidence::decomposition`], which sees no numbers, and takes a
+/// redundancy that geometry makes for a constraint. Cost: some `k log m` solutions for a conflict of `k` among `m`,
+/// and `m² n`.
 ///
 /// # Errors
-/// `Undetermined` when constraints have no numbers at the drawing (a bar without length).
+/// `Input` when a constraint names a part that is not there; `Undetermined` when constraints have no numbers at the drawing (a bar without length).
 ///
 /// # Examples
 /// ```
@@ -88,9 +89,12 @@ const STARTS: u64 = 3;
 /// ```
 ///
 /// # References
-/// Michelucci and Foufou 2006, *Geometric constraint solving: the witness configuration method*; Junker 2004, *QuickXplain*;
-/// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*.
+/// Michelucci and Foufou 2006, *Geometric constraint solving: the witness configuration method*; Junker 2004,
+/// *QuickXplain*; Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*.
 pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnosis> {
+    constraints
+        .iter()
+        .try_for_each(|constraint| constraint.require_parts(drawing))?;
     let all = ConstraintEquations::new(drawing, constraints);
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
     if !finite(&drawing.values()) {
@@ -127,9 +131,9 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
 
 /// A configuration in general position that obeys every relation of a drawing, whatever its dimensions.
 ///
-/// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …) are restored; dimensions and
-/// anchors are then taken as they came out. Ranks there are those of almost all dimensions: no accident of the drawing counts. `None`
-/// where relations could not be restored.
+/// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …) are
+/// restored; dimensions and anchors are then taken as they came out. Ranks there are those of almost all dimensions:
+/// no accident of the drawing counts. `None` where relations could not be restored.
 #[must_use]
 pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
     let values = drawing.values();

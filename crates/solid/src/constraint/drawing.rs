@@ -1,7 +1,8 @@
 //! A drawing: points, bars between them, circles and arcs, over one vector of parameters.
 //!
-//! Comes in: coordinates and radii. Goes out: names, values and the parameters of each part. Lengths are in the drawing's unit. Not
-//! guaranteed: that bars do not cross, or that an arc's ends lie on its circle; that is a constraint.
+//! Comes in: coordinates and radii. Goes out: names, values and the parameters of each part. Lengths are in the
+//! drawing's unit. Not guaranteed: that bars do not cross, or that an arc's ends lie on its circle; that is a
+//! constraint.
 
 use crate::constraint::Constraint;
 use nalgebra::DVector;
@@ -46,8 +47,8 @@ struct Arc {
 
 /// Points, bars, circles and arcs over one vector of parameters.
 ///
-/// Parameters stand in the order in which they were added: two for a point (`x1 y1`, counted from 1 as in the paper), one for a
-/// radius (`r1`). A covariance of the drawing is in that order.
+/// Parameters stand in the order in which they were added: two for a point (`x1 y1`, counted from 1 as in the paper),
+/// one for a radius (`r1`). A covariance of the drawing is in that order.
 ///
 /// # Examples
 /// ```
@@ -137,7 +138,8 @@ impl Drawing {
         Ok(BarId(self.bars.len() as u32 - 1))
     }
 
-    /// Adds a bar about which points may be symmetric: [`candidates`](crate::constraint::candidates) are made for these alone.
+    /// Adds a bar about which points may be symmetric: [`candidates`](crate::constraint::candidates) are made for
+    /// these alone.
     ///
     /// # Errors
     /// As [`Self::bar`].

@@ -16,10 +16,17 @@ pub struct Equation {
     pub is_length: bool,
 }
 
+impl Equation {
+    /// Whether it has numbers where it was taken.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.residual.is_finite() && self.gradient.iter().all(|(_, slope)| slope.is_finite())
+    }
+}
+
 /// Some equations of constraints as a measurement `f(x) + v = 0`, for the estimators.
 ///
-/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of zero covariance it
-/// is a constraint proper.
+/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of zero
+/// covariance it is a constraint proper.
 ///
 /// # Examples
 /// ```

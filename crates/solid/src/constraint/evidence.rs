@@ -23,8 +23,8 @@ pub(super) struct State {
 
 /// Enough to tell the size of what is not linear.
 const OTHERS: u64 = 8;
-/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear part but for the estimate's own
-/// deviations, both are of one size.
+/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear
+/// part but for the estimate's own deviations, both are of one size.
 const STRAIGHT: f64 = 0.01;
 /// A residual is zero below this share of its range.
 const ZERO: f64 = 1e-6;
@@ -70,6 +70,21 @@ pub(super) struct Test {
     pub(super) is_linear: bool,
 }
 
+impl Test {
+    /// Of a relation without a value where the estimate is, such as tangent circles about one centre: it says nothing.
+    fn undefined(degrees: usize) -> Self {
+        Self {
+            chi_square: 0.0,
+            degrees,
+            p_value: 1.0,
+            chance: 1.0,
+            log_evidence: f64::NEG_INFINITY,
+            holds: false,
+            is_linear: false,
+        }
+    }
+}
+
 /// The level of a test, with the χ² it allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Level {
@@ -90,6 +105,9 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
     let equations = candidate
         .constraint
         .equations(&state.drawing, state.drawing.values().as_slice());
+    if !equations.iter().all(Equation::is_finite) {
+        return Ok(Test::undefined(equations.len()));
+    }
     let sizes: Vec<f64> = equations.iter().map(|equation| sigma(equation, reference)).collect();
     let spreads = spreads(&equations, &state.root);
     let rows = row_rank(&spreads, &sizes, KNOWN).independent;

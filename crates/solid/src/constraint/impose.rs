@@ -1,7 +1,8 @@
 //! Constraints imposed on an estimate: measurements of zero, or small, covariance.
 //!
-//! Comes in: a drawing whose parameters are an estimate, its covariance, constraints. Goes out: the most likely drawing that obeys them, its
-//! covariance, and what it cost the estimate (χ²). Not guaranteed: the nearest one, where several branches obey the constraints.
+//! Comes in: a drawing whose parameters are an estimate, its covariance, constraints. Goes out: the most likely
+//! drawing that obeys them, its covariance, and what it cost the estimate (χ²). Not guaranteed: the nearest one, where
+//! several branches obey the constraints.
 
 use super::diagnose::satisfy;
 use super::drawing::Drawing;
@@ -37,14 +38,15 @@ const SETTLED: f64 = 1e-8;
 
 /// Imposes constraints on an estimate with the iterated Kalman filter: readings `f(x) = 0` with `R = σ² I`.
 ///
-/// `covariance` is that of the drawing's parameters, in their order, and may be singular. `sigma` is how truly the constraints hold:
-/// angles in radians and lengths as shares of the drawing's extent; zero for exactly. Which of the equations are independent is judged where they hold, as at
-/// a noisy estimate redundant ones look independent. At the fixed point `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)`, the least that any drawing which obeys
-/// the constraints can have. Cost: some `n² m` steps.
+/// `covariance` is that of the drawing's parameters, in their order, and may be singular. `sigma` is how truly the
+/// constraints hold: angles in radians and lengths as shares of the drawing's extent; zero for exactly. Which of the
+/// equations are independent is judged where they hold, as at a noisy estimate redundant ones look independent. At the
+/// fixed point `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)`, the least that any drawing which obeys the constraints can have. Cost:
+/// some `n² m` steps.
 ///
 /// # Errors
-/// `Input` when the covariance does not fit, or the constraints contradict each other (the smallest set that does is named); `Undetermined` when
-/// the search does not settle on them.
+/// `Input` when the covariance does not fit, a constraint names a part that is not there, or the constraints contradict each other (the smallest set that does is
+/// named); `Undetermined` when the search does not settle on them.
 ///
 /// # Examples
 /// ```
@@ -66,6 +68,9 @@ pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Const
             "the σ with which constraints hold must not be negative, but is {sigma}"
         )));
     }
+    constraints
+        .iter()
+        .try_for_each(|constraint| constraint.require_parts(drawing))?;
     let mut filter = KalmanFilter::new(drawing.values(), covariance.clone())?;
     let solution = satisfy(drawing, constraints);
     if !solution.holds {

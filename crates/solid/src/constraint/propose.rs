@@ -1,8 +1,8 @@
 //! Relations proposed by tests on the estimated covariance, and imposed as far as they agree.
 //!
-//! Comes in: an estimate of a drawing's parameters with its covariance. Goes out: what happened to every candidate, and the estimate with
-//! the accepted ones imposed. Not guaranteed: that what is accepted is meant; `expected_by_chance` says how many would come up among parts that have
-//! nothing to do with each other.
+//! Comes in: an estimate of a drawing's parameters with its covariance. Goes out: what happened to every candidate,
+//! and the estimate with the accepted ones imposed. Not guaranteed: that what is accepted is meant;
+//! `expected_by_chance` says how many would come up among parts that have nothing to do with each other.
 
 use super::candidates::{Candidate, candidates};
 use super::drawing::Drawing;
@@ -17,9 +17,11 @@ use serde::Serialize;
 /// How to propose relations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstrainOptions {
-    /// The probability with which true relations fail: any at all the tests of single ones, which share it, and all together the joint one.
+    /// The probability with which true relations fail: any at all the tests of single ones, which share it, and all
+    /// together the joint one.
     pub level: f64,
-    /// The largest share of its range in which a relation would be accepted: where it is larger, agreement means too little.
+    /// The largest share of its range in which a relation would be accepted: where it is larger, agreement means too
+    /// little.
     pub max_chance: f64,
     /// How truly relations hold: angles in radians, lengths as shares of the drawing's extent. Zero for exactly.
     pub sigma: f64,
@@ -54,7 +56,8 @@ pub enum Outcome {
         /// The proposals it quarrels with; none where it fails the joint test with what was given alone.
         with: Vec<usize>,
     },
-    /// The estimate is too uncertain for an agreement to mean anything, or accepted relations leave it to terms of second order.
+    /// The estimate is too uncertain for an agreement to mean anything, or accepted relations leave it to terms of
+    /// second order.
     Unclear,
 }
 
@@ -71,7 +74,8 @@ pub struct Proposal {
     pub degrees: usize,
     /// The probability of a χ² at least as large when the relation is true.
     pub p_value: f64,
-    /// The share of its range in which it would have been accepted: the probability of an accident. At the time of its last test.
+    /// The share of its range in which it would have been accepted: the probability of an accident. At the time of its
+    /// last test.
     pub chance: f64,
     /// What became of it.
     #[serde(flatten)]
@@ -124,17 +128,19 @@ pub(super) struct Search {
 
 /// Finds the relations that hold in a drawing, and imposes them.
 ///
-/// 1. Every one of the [`candidates`] is tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability that *any* true one is
-///    lost by `level`.
-/// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that of a residual anywhere in
-///    its range. One whose window of acceptance covers more than `max_chance` of that range has to wait until others have made the
-///    estimate sharper, and is unclear in the end.
-/// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its share of the level, or all of
-///    them fail the level together, it is refused, and the smallest set it quarrels with is named. Repeat from 2.
+/// 1. Every one of the [`candidates`] is tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
+///    that *any* true one is lost by `level`.
+/// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that
+///    of a residual anywhere in its range. One whose window of acceptance covers more than `max_chance` of that range
+///    has to wait until others have made the estimate sharper, and is unclear in the end.
+/// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its share of the
+///    level, or all of them fail the level together, it is refused, and the smallest set it quarrels with is named.
+///    Repeat from 2.
 ///
-/// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose variance is of second order has to wait too: near a
-/// rectangle, one pair of parallel sides leaves the others equal to first order, though a trapezoid's are not.
-/// Cost: `c (c + m n²)` for `c` candidates, of which there are about `2 b²` for `b` bars.
+/// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose variance is
+/// of second order has to wait too: near a rectangle, one pair of parallel sides leaves the others equal to first
+/// order, though a trapezoid's are not. Cost: `c (c + m n²)` for `c` candidates, of which there are about `2 b²` for
+/// `b` bars.
 ///
 /// # Errors
 /// `Input` when the covariance does not fit the drawing, an option is out of range, or what is given contradicts itself.
@@ -154,8 +160,8 @@ pub(super) struct Search {
 /// ```
 ///
 /// # References
-/// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004, *Choosing consistent constraints
-/// for beautification of reverse engineered geometric models*.
+/// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004, *Choosing
+/// consistent constraints for beautification of reverse engineered geometric models*.
 pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &ConstrainOptions) -> Result<Constrained> {
     for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
         if !(value > 0.0 && value < 1.0) {
@@ -177,8 +183,8 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
     let mut proposals = search.single_tests(&candidates)?;
     let expected_by_chance = proposals
         .iter()
-        .filter(|p| p.degrees > 0)
-        .map(|p| p.chance.min(1.0))
+        .filter(|p| p.degrees > 0 && p.chance <= options.max_chance)
+        .map(|p| p.chance)
         .sum();
     let state = search.accept(&candidates, &mut proposals, given)?;
     Ok(Constrained {
@@ -203,7 +209,8 @@ impl Constrained {
 }
 
 impl Search {
-    /// Tests every candidate under the estimate alone; those that Holm's procedure rejects are marked, all others unclear for now.
+    /// Tests every candidate under the estimate alone; those that Holm's procedure rejects are marked, all others
+    /// unclear for now.
     fn single_tests(&self, candidates: &[Candidate]) -> Result<Vec<Proposal>> {
         let mut proposals = Vec::with_capacity(candidates.len());
         let alone = State::unconstrained(&self.estimate, &self.covariance);
@@ -287,7 +294,8 @@ impl Search {
             .collect()
     }
 
-    /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and all pass it together.
+    /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and all pass
+    /// it together.
     pub(super) fn tried(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
         let next = impose(&self.estimate, &self.covariance, constraints, self.options.sigma).ok()?;
         let added = chi_square_tail(

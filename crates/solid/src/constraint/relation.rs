@@ -1,13 +1,15 @@
 //! The constraints, each with its residual and the residual's gradient.
 //!
-//! Comes in: a drawing. Goes out: equations `f(x) = 0`; one for a simple constraint, two for a compound one. Lengths are in the drawing's
-//! unit, directions in radians or as sines and cosines. Not guaranteed: a value where a bar has no length; it is NaN there.
+//! Comes in: a drawing. Goes out: equations `f(x) = 0`; one for a simple constraint, two for a compound one. Lengths
+//! are in the drawing's unit, directions in radians or as sines and cosines. Not guaranteed: a value where a bar has
+//! no length; it is NaN there.
 //!
-//! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left, everything below follows from
-//! `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
+//! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left, everything
+//! below follows from `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
 
 use super::drawing::{BarId, CircleId, Drawing, PointId};
 use super::equations::Equation;
+use planish_estimate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -23,11 +25,13 @@ pub enum Axis {
 
 /// Something that holds between parts of a drawing.
 ///
-/// The paper squares its distances and does not normalise its products (D eq. 4.1). Here residuals are lengths and angles, so that their
-/// σ means something; where a constraint holds, both forms have the same gradients up to a factor, and so the same ranks and graphs.
+/// The paper squares its distances and does not normalise its products (D eq. 4.1). Here residuals are lengths and
+/// angles, so that their σ means something; where a constraint holds, both forms have the same gradients up to a
+/// factor, and so the same ranks and graphs.
 ///
 /// # References
-/// Weiss-Cohen, Bondarenko and Halevi 2009, eq. 3.1–3.5; Lin, Gossard and Light 1981, *Variational geometry in computer-aided design*.
+/// Weiss-Cohen, Bondarenko and Halevi 2009, eq. 3.1–3.5; Lin, Gossard and Light 1981, *Variational geometry in
+/// computer-aided design*.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Constraint {
@@ -42,8 +46,8 @@ pub enum Constraint {
     },
     /// The distance of a point to the left of a bar, negative to its right: `u × (p − start) = value`.
     ///
-    /// D eq. 3.3–3.5 with the text's `V` from the bar's start to the point; eq. 3.4 is printed with the opposite sign, which counts
-    /// distances to the right.
+    /// D eq. 3.3–3.5 with the text's `V` from the bar's start to the point; eq. 3.4 is printed with the opposite sign,
+    /// which counts distances to the right.
     PointLineDistance {
         /// The point.
         point: PointId,
@@ -318,7 +322,8 @@ impl Constraint {
 
     /// Its equations at the parameters `x` of a drawing: residuals and gradients.
     ///
-    /// The gradient names every parameter that the equation depends on, also where the slope is zero at `x`. Cost: constant.
+    /// The gradient names every parameter that the equation depends on, also where the slope is zero at `x`. Cost:
+    /// constant.
     ///
     /// # Panics
     /// When it names a part that the drawing does not have, or `x` is too short.
@@ -417,6 +422,52 @@ impl Constraint {
             _ => return None,
         }
         Some(read)
+    }
+
+    /// Checks that a drawing has the parts it names, and that its value is a number.
+    ///
+    /// # Errors
+    /// `Input` when it does not.
+    pub fn require_parts(&self, drawing: &Drawing) -> Result<()> {
+        let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
+            Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
+            Self::PointLineDistance { point, bar, value } => (&[*point], &[*bar], &[], *value),
+            Self::Angle { from, to, radians } => (&[], &[*from, *to], &[], *radians),
+            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => {
+                (&[], &[*a, *b], &[], 0.0)
+            }
+            Self::Tangent { bar, circle, .. } => (&[], &[*bar], &[*circle], 0.0),
+            Self::TangentCircles { a, b, .. } | Self::Concentric { a, b } | Self::EqualRadius { a, b } => {
+                (&[], &[], &[*a, *b], 0.0)
+            }
+            Self::Symmetric { a, b, about } => (&[*a, *b], &[*about], &[], 0.0),
+            Self::Horizontal { bar } | Self::Vertical { bar } => (&[], &[*bar], &[], 0.0),
+            Self::Coordinate { point, value, .. } => (&[*point], &[], &[], *value),
+            Self::Anchor { point, at } => (&[*point], &[], &[], at[0] + at[1]),
+            Self::Coincident { a, b } => (&[*a, *b], &[], &[], 0.0),
+            Self::PointOnCircle { point, circle } => (&[*point], &[], &[*circle], 0.0),
+            Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
+        };
+        let count = [
+            drawing.points().count(),
+            drawing.bars().count(),
+            drawing.circles().count(),
+        ];
+        let missing = (points.iter().map(|p| ("point", p.0, count[0])))
+            .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
+            .chain(circles.iter().map(|c| ("circle", c.0, count[2])))
+            .find(|&(_, id, count)| id as usize >= count);
+        match missing {
+            Some((part, id, count)) => Err(Error::input(format!(
+                "a constraint names {part} {}, but the drawing has {count}",
+                id + 1
+            ))),
+            None if !value.is_finite() => Err(Error::input(format!(
+                "{} has no finite value: state one",
+                self.describe(drawing)
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// The constraint in words, such as `P1P2 parallel to P4P3`; points are counted from 1.

@@ -1,7 +1,8 @@
 //! Dimensions put on a grid, where the statistics allow it.
 //!
-//! Comes in: a constrained estimate and a grid, such as 0.5 mm. Goes out: which dimensions lie on it, imposed like other constraints, and why the
-//! others were left. Not guaranteed: that a designer used this grid; a dimension known far better than the grid that is off it says no.
+//! Comes in: a constrained estimate and a grid, such as 0.5 mm. Goes out: which dimensions lie on it, imposed like
+//! other constraints, and why the others were left. Not guaranteed: that a designer used this grid; a dimension known
+//! far better than the grid that is off it says no.
 
 use super::candidates::Candidate;
 use super::drawing::{BarId, CircleId, Drawing, PointId};
@@ -105,10 +106,10 @@ pub struct Snap {
 
 /// Puts dimensions on a grid, one after the other, the best known first.
 ///
-/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` when `(d − g)²/σ²` passes its χ² test, when the next
-/// multiple fails it (else the grid says nothing, and the dimension is left as *ambiguous*), and when all that is imposed still passes together. The
-/// level is shared among the dimensions (Bonferroni). σ falls on the way, as snapped dimensions sharpen the others. Cost: one [`impose`](crate::constraint::impose) a
-/// dimension.
+/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` when `(d − g)²/σ²` passes its χ² test, when
+/// the next multiple fails it (else the grid says nothing, and the dimension is left as *ambiguous*), and when all
+/// that is imposed still passes together. The level is shared among the dimensions (Bonferroni). σ falls on the way,
+/// as snapped dimensions sharpen the others. Cost: one [`impose`](crate::constraint::impose) a dimension.
 ///
 /// # Errors
 /// `Input` when the grid is not positive.

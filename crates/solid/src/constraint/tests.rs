@@ -344,7 +344,8 @@ fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
     let moved = imposed.drawing.values() - seen.values();
     let distance = normalized_squared(&moved, &covariance).unwrap();
     assert!((distance - imposed.chi_square).abs() < 1e-6 * distance);
-    // At the nearest one, P⁻¹ (x − x̂) is a combination of the gradients: no direction that keeps the constraints is downhill.
+    // At the nearest one, P⁻¹ (x − x̂) is a combination of the gradients: no direction that keeps the constraints is
+    // downhill.
     let equations = ConstraintEquations::new(&seen, &corners);
     let (left, jacobian) = equations.residuals_and_jacobian(&imposed.drawing.values());
     assert!(left.amax() < 1e-9);
@@ -356,6 +357,23 @@ fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
     for i in 0..8 {
         assert!(imposed.covariance[(i, i)] <= covariance[(i, i)] * (1.0 + 1e-12));
     }
+}
+
+#[test]
+fn parts_that_are_not_there_and_values_that_are_none_are_told() {
+    let seen = rectangle(4.0, 3.0, 0.0);
+    let message = |constraint: Constraint| diagnose(&seen, &[constraint]).unwrap_err().to_string();
+    assert!(message(Constraint::Horizontal { bar: BarId(4) }).contains("names bar 5, but the drawing has 4"));
+    let endless = Constraint::Distance {
+        a: PointId(0),
+        b: PointId(1),
+        value: f64::INFINITY,
+    };
+    assert!(message(endless).contains("P1P2 is inf long has no finite value"));
+    let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("8 × 8, not 7 × 7"), "{error}");
 }
 
 #[test]
@@ -636,6 +654,20 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
         }
     }
     assert!(found.p_value > 0.01);
+}
+
+#[test]
+fn circles_seen_twice_become_one() {
+    // Once they share a centre, whether they touch has no value any more.
+    for apart in [0.0, 0.01] {
+        let mut twice = Drawing::default();
+        for x in [0.0, apart] {
+            let centre = twice.point([x, 0.0]);
+            twice.circle(centre, 5.0 + x).unwrap();
+        }
+        let found = constrain(&twice, &(DMatrix::identity(6, 6) * 1e-4), &ConstrainOptions::default()).unwrap();
+        assert_eq!((found.degrees, found.freedoms), (3, 3));
+    }
 }
 
 #[test]

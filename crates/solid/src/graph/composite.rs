@@ -1,8 +1,9 @@
 //! The composite graph of several views: which points of different views are one vertex in space.
 //!
-//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out: vertices in space, each a point of
-//! every view, and edges between them. Not guaranteed: that all of them are on a solid: a diagonal of a flat face that two views see on edge
-//! is kept, and a line of a view with more vertices on it than its ends is taken as one bar.
+//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out: vertices
+//! in space, each a point of every view, and edges between them. Not guaranteed: that all of them are on a solid: a
+//! diagonal of a flat face that two views see on edge is kept, and a line of a view with more vertices on it than its
+//! ends is taken as one bar.
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
 use super::tour::{Tour, TourEdge, postman_tour};
@@ -80,13 +81,15 @@ const MOST_COMBINATIONS: usize = 100_000;
 
 /// Matches the vertices of two or three views.
 ///
-/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate` times the σ of the
-/// difference. *Initial matching*: the first point of the first view that agrees with one of every other view. *Complete
-/// matching*: from there along bars, in every view one or none, those with a distance first. Cost: combinations of points that agree, squared.
+/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate` times the σ
+/// of the difference. *Initial matching*: the first point of the first view that agrees with one of every other view.
+/// *Complete matching*: from there along bars, in every view one or none, those with a distance first. Cost:
+/// combinations of points that agree, squared.
 ///
 /// # Errors
-/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis twice, a covariance has a wrong
-/// size, or `tolerance` or `gate` is negative; `Undetermined` when no points agree, or far too many do.
+/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis twice, a
+/// covariance has a wrong size, or `tolerance` or `gate` is negative; `Undetermined` when no points agree, or far too
+/// many do.
 ///
 /// # Examples
 /// ```
@@ -156,8 +159,8 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
 }
 
 impl Composite {
-    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that are one vertex. The initial
-    /// matching's links are labelled `initial`, the others by their vertex.
+    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that are one
+    /// vertex. The initial matching's links are labelled `initial`, the others by their vertex.
     #[must_use]
     pub fn graph(&self) -> &LabelledGraph {
         &self.graph

@@ -66,7 +66,8 @@ impl Incidence {
 
     /// A maximum matching, `(parameter, equation)` in ascending order, of entries that do not vanish where those suffice.
     ///
-    /// First the entries that do not vanish are matched; others are let in only to match more. Cost: `entries · √(equations + parameters)`.
+    /// First the entries that do not vanish are matched; others are let in only to match more. Cost: `entries ·
+    /// √(equations + parameters)`.
     ///
     /// # References
     /// Hopcroft and Karp 1973, *An n^{5/2} algorithm for maximum matchings in bipartite graphs*.

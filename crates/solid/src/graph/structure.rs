@@ -32,11 +32,13 @@ pub struct Decomposition {
 impl Incidence {
     /// The Dulmage–Mendelsohn decomposition.
     ///
-    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they reach from an unmatched parameter. It
-    /// does not depend on the matching. Blocks are the strong components of the rest. Cost: that of the matching.
+    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they reach
+    /// from an unmatched parameter. It does not depend on the matching. Blocks are the strong components of the rest.
+    /// Cost: that of the matching.
     ///
     /// # References
-    /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the block triangular form of a sparse matrix*.
+    /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the block
+    /// triangular form of a sparse matrix*.
     #[must_use]
     pub fn decomposition(&self) -> Decomposition {
         let of = self.parameters_of_equations();

@@ -274,7 +274,8 @@ fn matchings_are_maximum_on_random_graphs() {
     }
 }
 
-/// The laws of Dulmage and Mendelsohn: parts are apart, their sizes as said, and no entry leads from a later part's equation back.
+/// The laws of Dulmage and Mendelsohn: parts are apart, their sizes as said, and no entry leads from a later part's
+/// equation back.
 fn check_decomposition(incidence: &Incidence) {
     let parts = incidence.decomposition();
     let all = [&parts.over, &parts.well, &parts.under];

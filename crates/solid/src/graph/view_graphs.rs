@@ -8,13 +8,14 @@ use std::collections::BTreeMap;
 
 /// The graphs of one view's constraints.
 ///
-/// *full*: parameters, joined where an equation depends on both, labelled with all such equations. *bipartite*: parameters and equations, with
-/// the matching thick. *minimal*: parameter `v` matched to `f` depends on the other parameters of `f`, and on nothing else. *pair*: the same with
-/// `x_i` and `y_i` in one node.
+/// *full*: parameters, joined where an equation depends on both, labelled with all such equations. *bipartite*:
+/// parameters and equations, with the matching thick. *minimal*: parameter `v` matched to `f` depends on the other
+/// parameters of `f`, and on nothing else. *pair*: the same with `x_i` and `y_i` in one node.
 ///
-/// The paper's rule for the minimal graph, "for a matching pair (v, f) all arcs labelled other than f and incident on v are removed", leaves no arc
-/// at all when read literally: an arc `u v` labelled `f` would have to be matched to `f` at both ends. What Fig. 6 needs is the directed
-/// dependency of Serrano and Gossard: the rule removes arcs that *enter* `v`.
+/// The paper's rule for the minimal graph, "for a matching pair (v, f) all arcs labelled other than f and incident on
+/// v are removed", leaves no arc at all when read literally: an arc `u v` labelled `f` would have to be matched to `f`
+/// at both ends. What Fig. 6 needs is the directed dependency of Serrano and Gossard: the rule removes arcs that
+/// *enter* `v`.
 ///
 /// # Examples
 /// ```
