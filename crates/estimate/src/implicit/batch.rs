@@ -3,9 +3,7 @@
 //! Beside [`least_squares`](crate::least_squares), which takes any equations, this one takes tens of thousands of single ones
 //! a second, chooses facets, and corrects the bias.
 
-use super::{
-    ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias, signed_distance,
-};
+use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias, signed_distance};
 use crate::dense::ScaledCholesky;
 use crate::{Error, Loss, Result, Termination};
 use nalgebra::{DMatrix, DVector};
@@ -89,7 +87,9 @@ pub fn fit_implicit<R: ImplicitReading>(
     let mut point = batch.point(start.clone());
     batch.evaluate(&mut point, None);
     if point.used == 0 || !point.loss.is_finite() {
-        return Err(Error::input("no reading has a distance to the start: give one nearer to the readings"));
+        return Err(Error::input(
+            "no reading has a distance to the start: give one nearer to the readings",
+        ));
     }
     let (iterations, mut termination) = batch.descend(&mut point);
     let loss = point.loss;
@@ -261,8 +261,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     noise.fill(0.0);
                 }
                 point.branches[i] = branch;
-                let mut found =
-                    signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
+                let mut found = signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
                 if !found {
                     // A foot of an earlier state may be a bad start.
                     noise.fill(0.0);

@@ -1,8 +1,8 @@
 //! One implicit reading at a time: EKF, IEKF and NUIEKF without allocation in their iterations.
 
 use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias};
-use crate::{KalmanFilter, Loss, Relinearization, Result};
 use crate::{Error, Termination};
+use crate::{KalmanFilter, Loss, Relinearization, Result};
 use nalgebra::DVector;
 
 /// How to take in an implicit reading.

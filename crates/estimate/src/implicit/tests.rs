@@ -125,8 +125,13 @@ fn the_batch_is_that_of_least_squares() {
         .iter()
         .map(|e| Measurement::new(e, DMatrix::identity(2, 2) * 0.01))
         .collect();
-    let reference = least_squares(&measurements, &Information::zero(3), &start(), &LeastSquaresOptions::default())
-        .expect("a reference");
+    let reference = least_squares(
+        &measurements,
+        &Information::zero(3),
+        &start(),
+        &LeastSquaresOptions::default(),
+    )
+    .expect("a reference");
     assert!((&fit.state - &reference.state).amax() < 1e-7);
     assert!((fit.loss - reference.loss).abs() < 1e-8);
     let covariance = fit.covariance.expect("determined");
@@ -181,7 +186,8 @@ fn the_noise_updated_filter_does_what_the_batch_does() {
 
 #[test]
 fn a_gate_leaves_the_filter_as_it_was() {
-    let mut filter = KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4).expect("a filter");
+    let mut filter =
+        KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4).expect("a filter");
     let before = filter.clone();
     let wild = OnCircle {
         point: [9.0, 9.0],
@@ -245,12 +251,16 @@ fn shared_noise_is_one_unknown_of_its_group() {
         for (reading, &group) in readings.iter_mut().zip(&groups) {
             reading.0.point[0] += shifts[group];
         }
-        let shared = SharedNoise { size: 1, groups: &groups };
+        let shared = SharedNoise {
+            size: 1,
+            groups: &groups,
+        };
         let fit = fit_implicit(&readings, Some(shared), &start(), &ImplicitOptions::default()).expect("a fit");
         let covariance = fit.covariance.expect("determined");
         assert!((covariance[(0, 0)].sqrt() / 0.15 - 1.0).abs() < 0.1);
         let off = fit.state - DVector::from_column_slice(&TRUTH);
-        nees.add(normalized_squared(&off, &covariance).expect("a value")).expect("finite");
+        nees.add(normalized_squared(&off, &covariance).expect("a value"))
+            .expect("finite");
     }
     assert!(nees.is_consistent(0.999).expect("a band"), "{}", nees.reduced());
 }
