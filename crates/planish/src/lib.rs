@@ -5,6 +5,7 @@
 pub mod brep;
 pub mod compare;
 pub mod dem;
+pub mod contour;
 mod domain;
 pub mod fit;
 pub mod fit_files;

@@ -1,6 +1,8 @@
 //! Bias, RMSE over the Kanatani–Cramér–Rao bound, and NEES of EKF, IEKF, NUIEKF and batch, as CSV on stdout.
 //!
-//! `cargo run --release -p planish-solid --example contour_accuracy [runs] [size: radius|diameter] [dump folder]`
+//! `cargo run --release -p planish-solid --example contour_accuracy [runs] [radius|diameter] [circle,ellipse,…|all] [folder for the readings]`
+//!
+//! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -29,6 +31,7 @@ fn main() {
     } else {
         2.0
     };
+    let chosen = args.next().unwrap_or_else(|| "all".to_owned());
     let dump = args.next();
     let sensor = SensorOptions {
         standoff: 3.0 * size,
@@ -43,6 +46,9 @@ fn main() {
         "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,rmse_of_size_over_kcr,nees_per_unknown,median_rmse_over_kcr"
     );
     for (kind, truth, period) in contours() {
+        if chosen != "all" && !chosen.split(',').any(|name| name == kind.family()) {
+            continue;
+        }
         for n in [50, 200, 2000] {
             if let Some(folder) = &dump {
                 write_dump(folder, &kind, &truth, n, runs, &sensor);
