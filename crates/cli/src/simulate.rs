@@ -37,6 +37,7 @@ pub fn run(args: &SimulateArgs) -> u8 {
             Scene::Turning(args) => report::run("simulate scene turning", &args.common, |progress| {
                 turning(args, progress)
             }),
+            Scene::Readings(args) => crate::contour::run_scene(args),
             Scene::Vessel(args) => {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
             }

@@ -13,12 +13,14 @@ pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
+pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
-    CarmenOptions, ContourReadings, DrawnContour, SigmaDefaults, read_contour_readings, write_contours_dxf,
+    ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf,
     write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
-use planish_solid::contour::{Choice, FitOptions, Kind, Sighting, auto_kinds, choose, separate};
+use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
+pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

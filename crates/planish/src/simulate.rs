@@ -13,6 +13,7 @@
 //! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
@@ -30,6 +31,7 @@
 mod figure;
 mod form;
 mod pictures;
+mod readings;
 mod render;
 mod scans;
 mod second_order;
@@ -46,6 +48,7 @@ pub use form::{BallBump, BallForm, ClosedForm, SheetBump, SheetForm, TubeForm, T
 pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
 };
+pub use readings::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 pub use render::{Exposure, Light, Target, Texture};
 pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
