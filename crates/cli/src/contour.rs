@@ -4,8 +4,8 @@ use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice,
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation, SigmaDefaults,
-    contour_files,
+    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation,
+    SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
@@ -113,9 +113,17 @@ fn text(report: &ContourReport, args: &ContourArgs) -> String {
 }
 
 fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {
-    let level = part.level.map_or_else(String::new, |level| format!(" at level {level}"));
-    let hole = part.hole_of.map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
-    let name = if report.contours.len() > 1 { format!("Contour {}: ", index + 1) } else { String::new() };
+    let level = part
+        .level
+        .map_or_else(String::new, |level| format!(" at level {level}"));
+    let hole = part
+        .hole_of
+        .map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
+    let name = if report.contours.len() > 1 {
+        format!("Contour {}: ", index + 1)
+    } else {
+        String::new()
+    };
     lines.line(format!(
         "{name}{}{level}{hole}, from {} readings ({} left out beyond the gate).",
         part.kind,
@@ -123,7 +131,11 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         count(part.rejected)
     ));
     if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
-        lines.line(format!("Next best: {} (BIC {} more).", other.kind, significant(margin, 3)));
+        lines.line(format!(
+            "Next best: {} (BIC {} more).",
+            other.kind,
+            significant(margin, 3)
+        ));
     }
     lines.gap();
     let rows: Vec<Vec<String>> = part
@@ -131,7 +143,10 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         .iter()
         .map(|(name, value)| vec![name.clone(), significant(value.value, 6), significant(value.sigma, 2)])
         .collect();
-    lines.table(&[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
+    lines.table(
+        &[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)],
+        &rows,
+    );
 }
 
 /// The keys of `simulate scene readings` beside the common ones.
@@ -165,9 +180,17 @@ fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
     };
     let made = write_readings_scene(&options, &args.out)?;
     let mut lines = Lines::default();
-    lines.line(format!("Simulated {} readings of a {}.", count(made.rows), options.kind));
+    lines.line(format!(
+        "Simulated {} readings of a {}.",
+        count(made.rows),
+        options.kind
+    ));
     lines.gap();
-    lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), args.out.display()));
+    lines.line(format!(
+        "Wrote {} files to {}. Next:",
+        made.files.len(),
+        args.out.display()
+    ));
     let motion = match args.velocity {
         None => "",
         Some([_, _, 0.0]) => " --motion linear",

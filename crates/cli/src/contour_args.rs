@@ -84,7 +84,10 @@ pub enum KindChoice {
 }
 
 /// How readings are taken in.
-#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--filter` explains them")]
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--filter` explains them"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ContourFilter {
     Batch,
@@ -144,7 +147,11 @@ fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "auto" {
         return Ok(KindChoice::Auto);
     }
-    let counted = |prefix: &str| text.strip_prefix(prefix).and_then(|n| n.parse::<usize>().ok()).filter(|n| (3..=40).contains(n));
+    let counted = |prefix: &str| {
+        text.strip_prefix(prefix)
+            .and_then(|n| n.parse::<usize>().ok())
+            .filter(|n| (3..=40).contains(n))
+    };
     Ok(KindChoice::Of(match text {
         "line" => Kind::Line,
         "circle" => Kind::Circle,
@@ -165,7 +172,10 @@ fn kind(text: &str) -> Result<KindChoice, String> {
 }
 
 fn numbers<const N: usize>(text: &str, example: &str) -> Result<[f64; N], String> {
-    let found: Option<Vec<f64>> = text.split(',').map(|w| w.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let found: Option<Vec<f64>> = text
+        .split(',')
+        .map(|w| w.trim().parse().ok().filter(|v: &f64| v.is_finite()))
+        .collect();
     found
         .and_then(|v| <[f64; N]>::try_from(v).ok())
         .ok_or_else(|| format!("needed {N} numbers, as in {example}"))

@@ -15,8 +15,7 @@ use crate::progress::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
-    ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf,
-    write_contours_svg,
+    ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
@@ -197,8 +196,9 @@ fn write(
             write_contours_svg(path, drawn, &points)
         }
         _ => {
-            let text = serde_json::to_string_pretty(report)
-                .map_err(|e| Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e))?;
+            let text = serde_json::to_string_pretty(report).map_err(|e| {
+                Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
+            })?;
             write_atomically(path, |out| writeln!(out, "{text}"))
         }
     }

@@ -4,8 +4,8 @@
 
 pub mod brep;
 pub mod compare;
-pub mod dem;
 pub mod contour;
+pub mod dem;
 mod domain;
 pub mod fit;
 pub mod fit_files;

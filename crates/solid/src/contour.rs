@@ -34,3 +34,6 @@ pub use parts::{contains, separate};
 pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::starts;
+
+#[cfg(test)]
+mod tests;

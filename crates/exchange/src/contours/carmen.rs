@@ -71,7 +71,11 @@ pub(crate) fn read_carmen<R: Read>(
         };
         let origin = [value(beams + 2)?, value(beams + 3)?];
         let heading = value(beams + 4)?;
-        let time_s = if words.len() > beams + 8 { value(beams + 8)? } else { 0.0 };
+        let time_s = if words.len() > beams + 8 {
+            value(beams + 8)?
+        } else {
+            0.0
+        };
         for beam in 0..beams {
             let range = value(2 + beam)?;
             if range < options.range[0] || range > options.range[1] {

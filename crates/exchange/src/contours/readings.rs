@@ -37,8 +37,19 @@ pub struct ContourReadings {
 }
 
 const COLUMNS: [&str; 13] = [
-    "x", "y", "heading_deg", "range", "sigma_x", "sigma_y", "sigma_heading_deg", "sigma_range", "pose_id", "time",
-    "level", "sigma", "sigma_point",
+    "x",
+    "y",
+    "heading_deg",
+    "range",
+    "sigma_x",
+    "sigma_y",
+    "sigma_heading_deg",
+    "sigma_range",
+    "pose_id",
+    "time",
+    "level",
+    "sigma",
+    "sigma_point",
 ];
 
 /// Reads a CSV with a header, or a CARMEN log, by what the first line holds. Either may be compressed by gzip.
@@ -50,7 +61,9 @@ pub fn read_contour_readings(path: &Path, defaults: &SigmaDefaults, carmen: &Car
     read_file(path, |mut source, _| {
         let first = loop {
             let Some(line) = source.line()? else {
-                return Err(Error::input("holds no readings: needed a header `x,y,heading_deg,range` or `x,y`"));
+                return Err(Error::input(
+                    "holds no readings: needed a header `x,y,heading_deg,range` or `x,y`",
+                ));
             };
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
@@ -79,7 +92,9 @@ impl Header {
             if let Some(&name) = COLUMNS.iter().find(|c| *c == field)
                 && index.insert(name, k).is_some()
             {
-                return Err(Error::input(format!("line {number}: the column `{name}` is named twice")));
+                return Err(Error::input(format!(
+                    "line {number}: the column `{name}` is named twice"
+                )));
             }
         }
         let has = |name: &str| index.contains_key(name);

@@ -29,7 +29,10 @@ fn picture(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
             (None, None) => None,
         })
         .collect();
-    let all = outlines.iter().flat_map(|o| o.0.iter()).chain(points.iter().map(|p| &p.0));
+    let all = outlines
+        .iter()
+        .flat_map(|o| o.0.iter())
+        .chain(points.iter().map(|p| &p.0));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for p in all {
         for k in 0..2 {
@@ -50,7 +53,11 @@ fn picture(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
     );
     for (p, used) in points {
         let [x, y] = place(*p);
-        let look = if *used { "fill=\"#888\"" } else { "fill=\"none\" stroke=\"#c33\"" };
+        let look = if *used {
+            "fill=\"#888\""
+        } else {
+            "fill=\"none\" stroke=\"#c33\""
+        };
         let _ = writeln!(text, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\" {look}/>");
     }
     for (vertices, bulges, closed) in &outlines {

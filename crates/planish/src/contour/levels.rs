@@ -123,14 +123,18 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
         .sum();
     let degrees = count * (main.len() - 1);
     // The band has two sides; only the upper one is asked for.
-    let limit = ChiSquareBand::of_sum(degrees as f64, 2.0 * CONFIDENCE - 1.0).ok()?.upper;
+    let limit = ChiSquareBand::of_sum(degrees as f64, 2.0 * CONFIDENCE - 1.0)
+        .ok()?
+        .upper;
     Some(LevelRelation {
         relation: Relation::None,
         levels,
         chi_square,
         degrees,
         limit,
-        mean: (0..count).map(|k| (names[k].clone(), mean[k], covariance[(k, k)].sqrt())).collect(),
+        mean: (0..count)
+            .map(|k| (names[k].clone(), mean[k], covariance[(k, k)].sqrt()))
+            .collect(),
     })
 }
 

@@ -94,7 +94,11 @@ pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64
     let k = fit.kind.parameters();
     let (mut values, mut from) = fit.kind.canonical(&fit.state.as_slice()[..k]);
     let mut names = fit.kind.names();
-    let motion = [("velocity_x", 1.0), ("velocity_y", 1.0), ("rotation_deg_per_s", 1f64.to_degrees())];
+    let motion = [
+        ("velocity_x", 1.0),
+        ("velocity_y", 1.0),
+        ("rotation_deg_per_s", 1f64.to_degrees()),
+    ];
     for (i, (name, factor)) in motion.into_iter().take(fit.state.len() - k).enumerate() {
         names.push((name.to_owned(), factor));
         values.push(fit.state[k + i]);
@@ -104,11 +108,20 @@ pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64
     let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| {
         factor(i) * factor(j) * fit.covariance[(from[i].0, from[j].0)]
     });
-    let values = values.iter().zip(&names).map(|(value, (_, factor))| value * factor).collect();
+    let values = values
+        .iter()
+        .zip(&names)
+        .map(|(value, (_, factor))| value * factor)
+        .collect();
     (names.into_iter().map(|(name, _)| name).collect(), values, covariance)
 }
 
-pub(super) fn report(read: &ContourReadings, parts: &[Part], unit: Option<Unit>, mut warnings: Vec<String>) -> ContourReport {
+pub(super) fn report(
+    read: &ContourReadings,
+    parts: &[Part],
+    unit: Option<Unit>,
+    mut warnings: Vec<String>,
+) -> ContourReport {
     let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, i)).collect();
     for (i, part) in contours.iter().enumerate() {
         let name = format!("contour {} ({}, {} readings)", i + 1, part.kind, part.readings);
@@ -182,6 +195,7 @@ fn hole_of(parts: &[Part], index: usize) -> Option<usize> {
     };
     let inner = outline(&parts[index])?;
     let others = (0..parts.len()).filter(|&i| i != index && parts[i].level == parts[index].level);
-    let around = others.filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
+    let around =
+        others.filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
     around.min_by_key(|&i| parts[i].members.len())
 }

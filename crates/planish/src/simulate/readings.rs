@@ -11,7 +11,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const COLUMNS: [&str; 10] = [
-    "x", "y", "heading_deg", "range", "sigma_x", "sigma_y", "sigma_heading_deg", "sigma_range", "pose_id", "time",
+    "x",
+    "y",
+    "heading_deg",
+    "range",
+    "sigma_x",
+    "sigma_y",
+    "sigma_heading_deg",
+    "sigma_range",
+    "pose_id",
+    "time",
 ];
 
 /// Settings of the scene `readings`.
@@ -57,7 +66,9 @@ fn truth_of(kind: &Kind) -> Result<Vec<f64>> {
         Kind::Slot => vec![x, y, 100.0, 44.0, angle],
         Kind::RegularPolygon(_) => vec![x, y, 52.0, 0.2],
         // An L.
-        Kind::Polygon(6) => vec![-40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0],
+        Kind::Polygon(6) => vec![
+            -40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0,
+        ],
         _ => {
             return Err(Error::unsupported(format!(
                 "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-6"
@@ -94,7 +105,11 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
         velocity: options.velocity,
         rate_hz: 100.0,
     };
-    let middle = if options.kind == Kind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
+    let middle = if options.kind == Kind::Polygon(6) {
+        [0.0; 2]
+    } else {
+        [theta[0], theta[1]]
+    };
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));

@@ -65,6 +65,8 @@ pub struct ContourFit {
     pub used: Vec<bool>,
     /// `−½ Σ s²` over the readings that counted, less what a gate costs for each that did not; up to a constant.
     pub log_likelihood: f64,
+    /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
+    pub squares: f64,
     /// How it ended.
     pub termination: Termination,
     /// The pivot of the motion.
@@ -83,9 +85,8 @@ impl ContourFit {
     /// Mean squared distance over its degrees of freedom; one is expected.
     #[must_use]
     pub fn reduced_chi_square(&self) -> f64 {
-        let used = self.distances.iter().zip(&self.used).filter(|(_, used)| **used);
-        let (count, sum) = used.fold((0.0, 0.0), |(n, s), (d, _)| (n + 1.0, s + d * d));
-        sum / (count - self.state.len() as f64).max(1.0)
+        let count = self.used.iter().filter(|used| **used).count() as f64;
+        self.squares / (count - self.state.len() as f64).max(1.0)
     }
 }
 
@@ -97,6 +98,7 @@ impl ContourFit {
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
 pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    let sightings = &own_poses(sightings)[..];
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let times = sightings.iter().map(|s| s.time_s);
     let setting = Setting {
@@ -132,6 +134,7 @@ pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
+            && corners_are_real(&found)
             && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
         {
             best = Some(found);
@@ -160,6 +163,44 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
     };
     let (readings, groups) = equations(&setting, exact);
     kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
+}
+
+/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no spike. More corners
+/// than the readings tell apart would otherwise explain noise.
+fn corners_are_real(found: &ContourFit) -> bool {
+    let (count, closed) = match &found.kind {
+        Kind::Polygon(count) => (*count, true),
+        Kind::Chain { arcs, closed } => (arcs.len() + usize::from(!closed), *closed),
+        _ => return true,
+    };
+    let theta = found.state.as_slice();
+    let vertex = |i: usize| [theta[2 * (i % count)], theta[2 * (i % count) + 1]];
+    let variance = |i: usize| {
+        let k = 2 * (i % count);
+        0.5 * (found.covariance[(k, k)] + found.covariance[(k + 1, k + 1)])
+    };
+    let sides = if closed { count } else { count - 1 };
+    let is_polygon = matches!(found.kind, Kind::Polygon(_));
+    (0..sides).all(|i| {
+        let (a, b, c) = (vertex(i), vertex(i + 1), vertex(i + 2));
+        let (d, e) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
+        let (length, next) = (d[0].hypot(d[1]), e[0].hypot(e[1]));
+        let long = length * length > 9.0 * (variance(i) + variance(i + 1));
+        // Turning back by more than 150°.
+        let spike = is_polygon && d[0] * e[0] + d[1] * e[1] < -0.866 * length * next;
+        long && !spike
+    })
+}
+
+/// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
+fn own_poses(sightings: &[Sighting]) -> Vec<Sighting> {
+    let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
+    let all = poses.len();
+    poses.sort_unstable();
+    poses.dedup();
+    let shared = poses.len() < all;
+    let pose = |s: &Sighting| s.pose.filter(|_| shared);
+    sightings.iter().map(|s| Sighting { pose: pose(s), ..*s }).collect()
 }
 
 fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting]) -> Vec<Vec<f64>> {
@@ -301,6 +342,7 @@ fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &Fit
         covariance,
         distances,
         used,
+        squares: 2.0 * found.loss,
         log_likelihood: -found.loss - left_out * gate_cost(options.gate),
         termination: found.termination,
         pivot: setting.pivot,
@@ -383,6 +425,7 @@ fn recursive(setting: &Setting, sightings: &[Sighting], start: &[f64], options: 
         covariance,
         distances: seen.distances,
         used,
+        squares,
         log_likelihood: -0.5 * squares - left_out * gate_cost(options.gate),
         termination: Termination::Converged,
         pivot: setting.pivot,
