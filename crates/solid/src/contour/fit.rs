@@ -135,6 +135,7 @@ pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
             && corners_are_real(&found)
+            && stays_near(&found, &points)
             && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
         {
             best = Some(found);
@@ -190,6 +191,16 @@ fn corners_are_real(found: &ContourFit) -> bool {
         let spike = is_polygon && d[0] * e[0] + d[1] * e[1] < -0.866 * length * next;
         long && !spike
     })
+}
+
+/// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
+fn stays_near(found: &ContourFit, points: &[[f64; 2]]) -> bool {
+    let from = |p: [f64; 2]| (p[0] - found.pivot[0]).hypot(p[1] - found.pivot[1]);
+    let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
+    let theta = &found.state.as_slice()[..found.kind.parameters()];
+    let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
+    matches!(found.kind, Kind::Circle | Kind::Ellipse)
+        || found.kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
 }
 
 /// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
