@@ -1,5 +1,6 @@
 //! The command line, as clap reads it: every option, its unit, its default, and an example that runs.
 
+use crate::contour_args::{ContourArgs, ReadingsArgs};
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -47,6 +48,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Turn raw data of a sensor into points that state their covariance
     Sense(SenseArgs),
+    /// Say which contour a ranging sensor of uncertain pose saw, with its dimensions and their σ
+    Contour(ContourArgs),
     /// Say what a file holds
     Info(InfoArgs),
     /// Say where to measure next, so that a model becomes better known
@@ -721,6 +724,8 @@ pub enum Scene {
     Grid(PictureArgs),
     /// A vessel of revolution, 100 mm high, seen from one side only: what nobody saw follows from its symmetry
     Vessel(VesselArgs),
+    /// A contour of 100 mm, ranged from uncertain poses, for `contour`
+    Readings(ReadingsArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
     /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole
@@ -971,15 +976,18 @@ fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, S
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A number as its refusal says.
+pub fn positive(text: &str) -> Result<f64, String> {
     within(text, "a number above 0", |v| v > 0.0)
 }
 
-fn not_negative(text: &str) -> Result<f64, String> {
+/// A number as its refusal says.
+pub fn not_negative(text: &str) -> Result<f64, String> {
     within(text, "a number that is not below 0", |v| v >= 0.0)
 }
 
-fn share(text: &str) -> Result<f64, String> {
+/// A number as its refusal says.
+pub fn share(text: &str) -> Result<f64, String> {
     within(text, "a share from 0 to 1", |v| (0.0..=1.0).contains(&v))
 }
 
@@ -1057,7 +1065,8 @@ fn gate(text: &str) -> Result<f64, String> {
     within(text, "at least 1 σ (4 is usual)", |v| v >= 1.0)
 }
 
-fn whole(text: &str) -> Result<usize, String> {
+/// A whole number.
+pub fn whole(text: &str) -> Result<usize, String> {
     text.parse()
         .map_err(|_| "needed a whole number that is not below 0".to_owned())
 }

@@ -5,6 +5,8 @@
 
 mod args;
 mod compare;
+mod contour;
+mod contour_args;
 mod failure;
 mod fit;
 mod info;
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Sense(args) => sense::run(&args),
+        Command::Contour(args) => contour::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Next(args) => next::run(&args),
         Command::Simulate(args) => simulate::run(&args),

@@ -42,6 +42,7 @@ pub fn run(args: &SimulateArgs) -> u8 {
             Scene::Bending(args) => report::run("simulate scene bending", &args.common, |progress| {
                 bending(args, progress)
             }),
+            Scene::Readings(args) => crate::contour::run_scene(args),
             Scene::Vessel(args) => {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
             }

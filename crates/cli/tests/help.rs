@@ -15,6 +15,7 @@ fn help_of_every_command() {
         ("planish", &["--help"][..]),
         ("fit", &["fit", "--help"]),
         ("compare", &["compare", "--help"]),
+        ("contour", &["contour", "--help"]),
         ("info", &["info", "--help"]),
         ("next", &["next", "--help"]),
         ("sense", &["sense", "--help"]),
@@ -29,6 +30,7 @@ fn help_of_every_command() {
         ("simulate_scene_stereo", &["simulate", "scene", "stereo", "--help"]),
         ("simulate_scene_grid", &["simulate", "scene", "grid", "--help"]),
         ("simulate_scene_vessel", &["simulate", "scene", "vessel", "--help"]),
+        ("simulate_scene_readings", &["simulate", "scene", "readings", "--help"]),
         ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
         ("simulate_scene_bending", &["simulate", "scene", "bending", "--help"]),
     ] {
@@ -47,6 +49,7 @@ fn examples_of_the_help_are_commands_that_parse() {
     for command in [
         "fit",
         "compare",
+        "contour",
         "info",
         "sense stereo",
         "sense grid",
@@ -56,6 +59,7 @@ fn examples_of_the_help_are_commands_that_parse() {
         "simulate scene scans",
         "simulate scene stereo",
         "simulate scene vessel",
+        "simulate scene readings",
         "simulate scene turning",
         "simulate scene bending",
         "simulate sphere",

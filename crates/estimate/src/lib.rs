@@ -17,6 +17,7 @@
 //! input gives the same bytes. What is not converged or not determined is told in the result; an [`Error`] is for what has no result.
 
 pub mod error;
+pub mod implicit;
 pub mod sparse;
 pub mod vector3;
 

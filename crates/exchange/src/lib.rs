@@ -18,6 +18,7 @@
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
+//! | [`contours`] | CSV, CARMEN logs in; DXF, SVG out | readings of contours, and drawings of them |
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
 //! | [`model`] | `.planish` (safetensors) | saved models, in and out |
 //!
@@ -25,6 +26,7 @@
 //! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
 
 pub mod calibration;
+pub mod contours;
 pub mod depth;
 pub mod e57;
 pub mod geotiff;

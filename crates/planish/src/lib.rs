@@ -5,6 +5,7 @@
 pub mod animation;
 pub mod brep;
 pub mod compare;
+pub mod contour;
 pub mod dem;
 mod domain;
 pub mod fit;

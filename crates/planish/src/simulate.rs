@@ -14,6 +14,7 @@
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
+//! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
@@ -34,6 +35,7 @@ mod form;
 #[cfg(test)]
 mod pair_tests;
 mod pictures;
+mod readings;
 mod render;
 mod scans;
 mod second_order;
@@ -51,6 +53,7 @@ pub use form::{BallBump, BallForm, BentForm, ClosedForm, SheetBump, SheetForm, T
 pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
 };
+pub use readings::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 pub use render::{Exposure, Light, Target, Texture};
 pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,

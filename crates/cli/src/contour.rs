@@ -1,0 +1,216 @@
+//! `planish contour`, and the scene `readings`.
+
+use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs};
+use crate::numbers::{count, significant};
+use crate::report::{self, Align, Lines, Summary};
+use planish::contour::{
+    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation,
+    SigmaDefaults, contour_files,
+};
+use planish::progress::Progress;
+use planish::simulate::{ReadingsOptions, write_readings_scene};
+use planish::{Error, Result, Unit};
+use serde::Serialize;
+
+/// The keys of `contour` beside the common ones.
+#[derive(Serialize)]
+struct Body {
+    #[serde(flatten)]
+    report: ContourReport,
+    warnings: Vec<String>,
+    termination: &'static str,
+}
+
+/// Runs the command; returns the exit code.
+pub fn run(args: &ContourArgs) -> u8 {
+    report::run("contour", &args.common, |progress| work(args, progress))
+}
+
+fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    let chosen = |choice: &KindChoice| match choice {
+        KindChoice::Auto => None,
+        KindChoice::Of(kind) => Some(kind.clone()),
+    };
+    let kinds: Option<Vec<Kind>> = args.kind.iter().map(chosen).collect();
+    let job = ContourJob {
+        input: args.readings.clone(),
+        kinds: kinds.unwrap_or_default(),
+        fit: FitOptions {
+            method: match args.filter {
+                ContourFilter::Batch => Method::Batch,
+                ContourFilter::Ekf => Method::Extended,
+                ContourFilter::Iekf => Method::Iterated,
+                ContourFilter::Nuiekf => Method::NoiseUpdated,
+            },
+            form: if args.product { Form::Product } else { Form::ActiveFacet },
+            motion: match args.motion {
+                ContourMotion::None => Motion::Still,
+                ContourMotion::Linear => Motion::Linear,
+                ContourMotion::Rigid => Motion::Rigid,
+            },
+            gate: (args.gate > 0.0).then_some(args.gate),
+            ..FitOptions::default()
+        },
+        sigma: SigmaDefaults {
+            position: args.sigma_position,
+            heading_deg: args.sigma_heading_deg,
+            range: args.sigma_range,
+            point: args.sigma_point,
+        },
+        carmen: CarmenOptions {
+            first: args.scan,
+            count: args.scans,
+            range: args.range_gate,
+            region: args.region,
+        },
+        gap: args.gap,
+        outputs: args.output.clone(),
+        unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
+    };
+    let report = contour_files(&job, progress)?;
+    Ok(Summary {
+        text: text(&report, args),
+        unit: report.unit,
+        inputs: vec![args.readings.clone()],
+        outputs: args.output.clone(),
+        warnings: report.warnings.clone(),
+        body: Body {
+            warnings: report.warnings.clone(),
+            termination: "converged",
+            report,
+        },
+    })
+}
+
+fn text(report: &ContourReport, args: &ContourArgs) -> String {
+    let mut lines = Lines::default();
+    for (i, part) in report.contours.iter().enumerate() {
+        if i > 0 {
+            lines.gap();
+        }
+        part_text(&mut lines, part, i, report);
+    }
+    if let Some(levels) = &report.levels {
+        lines.gap();
+        let what = match levels.relation {
+            Relation::Prism => "agree: a prism",
+            Relation::Revolution => "are circles about one axis: a revolution",
+            Relation::None => "do not agree",
+        };
+        lines.line(format!(
+            "The contours of {} levels {what} (χ² {} of {} degrees).",
+            levels.levels.len(),
+            significant(levels.chi_square, 3),
+            levels.degrees
+        ));
+    }
+    if !args.output.is_empty() {
+        lines.gap();
+        let names: Vec<String> = args.output.iter().map(|path| path.display().to_string()).collect();
+        lines.line(format!("Wrote {}.", names.join(", ")));
+    }
+    lines.into_text()
+}
+
+fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {
+    let level = part
+        .level
+        .map_or_else(String::new, |level| format!(" at level {level}"));
+    let hole = part
+        .hole_of
+        .map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
+    let name = if report.contours.len() > 1 {
+        format!("Contour {}: ", index + 1)
+    } else {
+        String::new()
+    };
+    lines.line(format!(
+        "{name}{}{level}{hole}, from {} readings ({} left out beyond the gate).",
+        part.kind,
+        count(part.readings),
+        count(part.rejected)
+    ));
+    if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
+        lines.line(format!(
+            "Next best: {} (BIC {} more).",
+            other.kind,
+            significant(margin, 3)
+        ));
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = part
+        .parameters
+        .iter()
+        .map(|(name, value)| vec![name.clone(), significant(value.value, 6), significant(value.sigma, 2)])
+        .collect();
+    lines.table(
+        &[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)],
+        &rows,
+    );
+}
+
+/// The keys of `simulate scene readings` beside the common ones.
+#[derive(Serialize)]
+struct SceneBody {
+    rows: usize,
+    columns: Vec<&'static str>,
+    warnings: [String; 0],
+    termination: &'static str,
+}
+
+/// Runs `simulate scene readings`; returns the exit code.
+pub fn run_scene(args: &ReadingsArgs) -> u8 {
+    report::run("simulate scene readings", &args.common, |_| scene(args))
+}
+
+fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
+    let KindChoice::Of(kind) = args.shape.clone() else {
+        return Err(Error::input("a scene needs a shape of its own: auto is none"));
+    };
+    let unit = args.common.unit.map_or(Unit::Millimetre, Unit::from);
+    let options = ReadingsOptions {
+        kind,
+        readings: args.readings,
+        sweep: args.sweep,
+        noise: args.noise,
+        outlier_share: args.outliers,
+        velocity: args.velocity.map_or([0.0; 3], |[x, y, deg]| [x, y, deg.to_radians()]),
+        seed: args.common.seed,
+        unit,
+    };
+    let made = write_readings_scene(&options, &args.out)?;
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "Simulated {} readings of a {}.",
+        count(made.rows),
+        options.kind
+    ));
+    lines.gap();
+    lines.line(format!(
+        "Wrote {} files to {}. Next:",
+        made.files.len(),
+        args.out.display()
+    ));
+    let motion = match args.velocity {
+        None => "",
+        Some([_, _, 0.0]) => " --motion linear",
+        Some(_) => " --motion rigid",
+    };
+    lines.line(format!(
+        "  planish contour {}{motion} -o contour.json -o contour.svg",
+        args.out.join("readings.csv").display()
+    ));
+    Ok(Summary {
+        text: lines.into_text(),
+        unit: Some(unit),
+        inputs: Vec::new(),
+        outputs: made.files,
+        warnings: Vec::new(),
+        body: SceneBody {
+            rows: made.rows,
+            columns: made.columns,
+            warnings: [],
+            termination: "converged",
+        },
+    })
+}

@@ -1,0 +1,186 @@
+//! One implicit reading at a time: EKF, IEKF and NUIEKF without allocation in their iterations.
+
+use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias};
+use crate::{Error, Termination};
+use crate::{KalmanFilter, Loss, Relinearization, Result};
+use nalgebra::DVector;
+
+/// How to take in an implicit reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImplicitUpdate {
+    /// Where to linearise.
+    pub relinearization: Relinearization,
+    /// Whether the mean distance that curvature causes is taken off. Only where the noise is relinearised is that the bias.
+    pub correct_bias: bool,
+    /// The most linearisations.
+    pub max_iterations: usize,
+    /// Stop when neither state nor noise moves by more than this many standard deviations.
+    pub tolerance: f64,
+    /// A reading whose innovation exceeds this many standard deviations is left out.
+    pub gate: Option<f64>,
+    /// What an innovation is charged; its weight divides the reading's variance.
+    pub loss: Loss,
+}
+
+impl ImplicitUpdate {
+    /// Linearised once, at the prediction and zero noise (EKF).
+    #[must_use]
+    pub fn extended() -> Self {
+        Self {
+            relinearization: Relinearization::Never,
+            correct_bias: false,
+            max_iterations: 1,
+            tolerance: 1e-4,
+            gate: None,
+            loss: Loss::Gaussian,
+        }
+    }
+
+    /// Linearised anew in the state (IEKF).
+    #[must_use]
+    pub fn iterated() -> Self {
+        Self {
+            relinearization: Relinearization::State,
+            max_iterations: 30,
+            ..Self::extended()
+        }
+    }
+
+    /// Linearised anew in state and noise (NUIEKF), corrected for curvature.
+    #[must_use]
+    pub fn noise_updated() -> Self {
+        Self {
+            relinearization: Relinearization::StateAndNoise,
+            correct_bias: true,
+            ..Self::iterated()
+        }
+    }
+}
+
+/// What an implicit reading had to say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImplicitInnovation {
+    /// The innovation over the reading's own standard deviation.
+    pub residual: f64,
+    /// Its variance, `1 + h P hᵀ`.
+    pub variance: f64,
+    /// `residual² / variance`: χ² of one degree when the filter is consistent.
+    pub normalized_squared: f64,
+    /// Whether it passed the gate and changed the state.
+    pub accepted: bool,
+    /// How often the equation was linearised.
+    pub iterations: usize,
+    /// Whether the update settled.
+    pub termination: Termination,
+}
+
+impl KalmanFilter {
+    /// Takes in a reading `g(z − L u, x) = 0`, `u ~ N(0, I)`.
+    ///
+    /// With `h = g_x/|g_u|`, `n = g_u/|g_u|` and `s = n·u − g/|g_u|` at `(x_i, u_i)`: `e = s − h (x̂ − x_i)`, `S = 1 + h P hᵀ`,
+    /// `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of `s` by [`curvature_bias`] is taken off `e`.
+    /// The facet is chosen at the prediction. Cost: about `n²` an iteration.
+    ///
+    /// # Errors
+    /// `Input` when the state has another dimension, or when the equation is not defined there. The filter then stays as it was.
+    ///
+    /// # References
+    /// Bondarenko, Halevi, Shpitalni 2004; Weiss-Cohen, Bondarenko, Halevi 2009, eq. 2.17.
+    pub fn update_implicit<R: ImplicitReading + ?Sized>(
+        &mut self,
+        reading: &R,
+        options: &ImplicitUpdate,
+    ) -> Result<ImplicitInnovation> {
+        let (n, p) = (self.mean().len(), reading.noise());
+        if reading.state() != n || n > MOST_STATE || p > MOST_NOISE {
+            return Err(Error::input(format!(
+                "a reading of {} unknowns and {p} noises does not fit a state of {n}",
+                reading.state()
+            )));
+        }
+        let undefined = || Error::input("a reading's equation is not defined at the predicted state");
+        let zero = [0.0; MOST_NOISE];
+        let mut at = Normalized::new();
+        let mut x = [0.0; MOST_STATE];
+        x[..n].copy_from_slice(self.mean().as_slice());
+        let mut u = zero;
+        let branch = best_branch(reading, &x[..n]);
+        let mut spread = [0.0; MOST_STATE];
+        let mut innovation = ImplicitInnovation {
+            residual: 0.0,
+            variance: 1.0,
+            normalized_squared: 0.0,
+            accepted: true,
+            iterations: 0,
+            termination: Termination::Limit,
+        };
+        let mut previous = f64::INFINITY;
+        loop {
+            if !at.at(reading, branch, &x[..n], &u[..p], &zero[..p]) {
+                return Err(undefined());
+            }
+            innovation.iterations += 1;
+            innovation.variance = 1.0 + self.spread_of(&at.row[..n], &mut spread[..n]);
+            innovation.residual = at.distance;
+            for k in 0..n {
+                innovation.residual += at.row[k] * (x[k] - self.mean()[k]);
+            }
+            if options.relinearization == Relinearization::Never {
+                innovation.termination = Termination::Converged;
+                break;
+            }
+            let step = innovation.residual / innovation.variance;
+            let mut moved = 0.0_f64;
+            for k in 0..n {
+                let next = self.mean()[k] + spread[k] * step;
+                let sigma = self.covariance()[(k, k)].max(f64::MIN_POSITIVE).sqrt();
+                moved = moved.max((next - x[k]).abs() / sigma);
+                x[k] = next;
+            }
+            if options.relinearization == Relinearization::StateAndNoise {
+                for k in 0..p {
+                    let next = at.normal[k] * step;
+                    moved = moved.max((next - u[k]).abs());
+                    u[k] = next;
+                }
+            }
+            if moved <= options.tolerance {
+                innovation.termination = Termination::Converged;
+                break;
+            }
+            if innovation.iterations >= options.max_iterations || (moved > 4.0 * previous && moved > 10.0) {
+                break;
+            }
+            previous = moved;
+        }
+        if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
+            innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at);
+        }
+        innovation.normalized_squared = innovation.residual * innovation.residual / innovation.variance;
+        let length = innovation.normalized_squared.sqrt();
+        if options.gate.is_some_and(|gate| length.is_nan() || length > gate) {
+            innovation.accepted = false;
+            return Ok(innovation);
+        }
+        let weight = options.loss.weight(length);
+        if weight <= 0.0 {
+            innovation.accepted = false;
+            return Ok(innovation);
+        }
+        let row = DVector::from_column_slice(&at.row[..n]);
+        let predicted = row.dot(self.mean());
+        self.update_scalar(&row, predicted + innovation.residual, 1.0 / weight)?;
+        Ok(innovation)
+    }
+
+    /// Fills `P hᵀ` and returns `h P hᵀ`.
+    fn spread_of(&self, row: &[f64], spread: &mut [f64]) -> f64 {
+        let covariance = self.covariance();
+        let mut total = 0.0;
+        for (j, out) in spread.iter_mut().enumerate() {
+            *out = covariance.column(j).iter().zip(row).map(|(c, h)| c * h).sum();
+            total += *out * row[j];
+        }
+        total
+    }
+}

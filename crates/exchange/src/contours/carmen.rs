@@ -1,0 +1,117 @@
+//! CARMEN logs: `FLASER n r1 … rn x y θ odom_x odom_y odom_θ time host time`, in metres and radians.
+
+use super::readings::{ContourReadings, SigmaDefaults};
+use crate::source::{Source, parse_number};
+use planish_estimate::{Error, Result};
+use planish_solid::contour::{Sighting, Target};
+use std::io::Read;
+
+/// Which scans of a log, and which of their ranges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CarmenOptions {
+    /// The first scan, counted from 0.
+    pub first: usize,
+    /// How many scans.
+    pub count: usize,
+    /// Ranges below and above these are left out.
+    pub range: [f64; 2],
+    /// Only what lies in this box `x0 y0 x1 y1` of the map.
+    pub region: Option<[f64; 4]>,
+}
+
+impl Default for CarmenOptions {
+    fn default() -> Self {
+        Self {
+            first: 0,
+            count: 1,
+            range: [0.05, 20.0],
+            region: None,
+        }
+    }
+}
+
+/// σ of a range where none is stated, in metres: what makers of these scanners state.
+const SIGMA_RANGE: f64 = 0.03;
+
+/// Reads the scans that the options ask for; beam `i` of `n` looks at `θ − 90° + i·180°/n`. Beams of a scan share a pose.
+pub(crate) fn read_carmen<R: Read>(
+    source: &mut Source<R>,
+    defaults: &SigmaDefaults,
+    options: &CarmenOptions,
+) -> Result<ContourReadings> {
+    let mut read = ContourReadings {
+        has_times: true,
+        in_metres: true,
+        ..ContourReadings::default()
+    };
+    let mut scans = 0;
+    loop {
+        let number = source.line_number() + 1;
+        let Some(line) = source.line()? else { break };
+        if !line.starts_with(b"FLASER ") {
+            continue;
+        }
+        scans += 1;
+        if scans <= options.first || scans > options.first + options.count {
+            continue;
+        }
+        let wrong = |what: String| Error::input(format!("line {number}: {what}"));
+        let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
+        let beams = words.get(1).and_then(|w| parse_number(w)).unwrap_or(0.0) as usize;
+        if beams == 0 || words.len() < beams + 5 {
+            return Err(wrong(format!(
+                "needed `FLASER n` with n ranges and a pose, found {} words",
+                words.len()
+            )));
+        }
+        let value = |k: usize| {
+            parse_number(words[k])
+                .filter(|v| v.is_finite())
+                .ok_or_else(|| wrong(format!("word {} is no number", k + 1)))
+        };
+        let origin = [value(beams + 2)?, value(beams + 3)?];
+        let heading = value(beams + 4)?;
+        let time_s = if words.len() > beams + 8 {
+            value(beams + 8)?
+        } else {
+            0.0
+        };
+        for beam in 0..beams {
+            let range = value(2 + beam)?;
+            if range < options.range[0] || range > options.range[1] {
+                read.left_out += 1;
+                continue;
+            }
+            let turn = std::f64::consts::PI * beam as f64 / beams as f64 - std::f64::consts::FRAC_PI_2;
+            let sighting = Sighting {
+                target: Target::Range {
+                    origin,
+                    heading_rad: heading + turn,
+                    range,
+                    sigma: [
+                        defaults.position.unwrap_or(0.0),
+                        defaults.position.unwrap_or(0.0),
+                        defaults.heading_deg.unwrap_or(0.0).to_radians(),
+                        defaults.range.unwrap_or(SIGMA_RANGE),
+                    ],
+                },
+                // A pose without σ is known: nothing to share.
+                pose: (defaults.position.is_some() || defaults.heading_deg.is_some()).then_some(scans),
+                time_s,
+                line: number as usize,
+            };
+            let [x, y] = sighting.point();
+            match options.region {
+                Some([x0, y0, x1, y1]) if x < x0 || x > x1 || y < y0 || y > y1 => read.left_out += 1,
+                _ => read.sightings.push(sighting),
+            }
+        }
+    }
+    if read.sightings.is_empty() {
+        return Err(Error::input(format!(
+            "a log of {scans} scans, of which none of those asked for (from {}, {} of them) has a range within {} to {} m",
+            options.first, options.count, options.range[0], options.range[1]
+        )));
+    }
+    Ok(read)
+}

@@ -1,0 +1,92 @@
+//! Contours with their readings as a picture.
+
+use super::DrawnContour;
+use crate::atomic::write_atomically;
+use planish_estimate::Result;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+
+/// Width of the picture in pixels; its height follows.
+const WIDTH: f64 = 720.0;
+const MARGIN: f64 = 24.0;
+
+/// Draws contours over the points of their readings, y upwards; points that did not count are hollow.
+///
+/// # Errors
+/// `Io` when the file cannot be written.
+pub fn write_contours_svg(path: &Path, contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> Result<()> {
+    let text = picture(contours, points);
+    write_atomically(path, |out| out.write_all(text.as_bytes()))
+}
+
+fn picture(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
+    let outlines: Vec<(Vec<[f64; 2]>, Vec<f64>, bool)> = contours
+        .iter()
+        .filter_map(|c| match (c.kind.outline(&c.theta), c.seen) {
+            (Some(o), _) => Some((o.vertices, o.bulges, o.closed)),
+            (None, Some(seen)) => Some((seen.to_vec(), vec![0.0], false)),
+            (None, None) => None,
+        })
+        .collect();
+    let all = outlines
+        .iter()
+        .flat_map(|o| o.0.iter())
+        .chain(points.iter().map(|p| &p.0));
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for p in all {
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    }
+    let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
+    let scale = (WIDTH - 2.0 * MARGIN) / extent;
+    let place = |p: [f64; 2]| [MARGIN + scale * (p[0] - low[0]), MARGIN + scale * (high[1] - p[1])];
+    let (width, height) = (
+        2.0 * MARGIN + scale * (high[0] - low[0]),
+        2.0 * MARGIN + scale * (high[1] - low[1]),
+    );
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.1} {height:.1}\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
+    );
+    for (p, used) in points {
+        let [x, y] = place(*p);
+        let look = if *used {
+            "fill=\"#888\""
+        } else {
+            "fill=\"none\" stroke=\"#c33\""
+        };
+        let _ = writeln!(text, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\" {look}/>");
+    }
+    for (vertices, bulges, closed) in &outlines {
+        let _ = write!(text, "<path fill=\"none\" stroke=\"#0060a0\" stroke-width=\"2\" d=\"");
+        let count = vertices.len();
+        for (i, &vertex) in vertices.iter().enumerate() {
+            let [x, y] = place(vertex);
+            if i == 0 {
+                let _ = write!(text, "M{x:.2} {y:.2}");
+            }
+            if i + 1 == count && !closed {
+                break;
+            }
+            let to = vertices[(i + 1) % count];
+            let [x, y] = place(to);
+            match bulges.get(i) {
+                Some(&b) if b != 0.0 => {
+                    let chord = (to[0] - vertex[0]).hypot(to[1] - vertex[1]);
+                    let radius = scale * chord * (1.0 + b * b) / (4.0 * b.abs());
+                    let (large, sweep) = (i32::from(b.abs() > 1.0), i32::from(b < 0.0));
+                    let _ = write!(text, " A{radius:.2} {radius:.2} 0 {large} {sweep} {x:.2} {y:.2}");
+                }
+                _ => {
+                    let _ = write!(text, " L{x:.2} {y:.2}");
+                }
+            }
+        }
+        text.push_str("\"/>\n");
+    }
+    text.push_str("</svg>\n");
+    text
+}

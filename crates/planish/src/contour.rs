@@ -1,0 +1,205 @@
+//! `planish contour`: which contour a sensor of uncertain pose saw.
+//!
+//! Comes in: a [`ContourJob`]. Goes out: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told apart by level, then
+//! by gaps between them; of each part several kinds are tried. Not guaranteed: parts that are nearer to each other than
+//! readings of one part; `gap` says where that is.
+
+mod levels;
+mod report;
+
+pub use levels::{LevelRelation, Relation};
+pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
+
+use crate::output::refuse_input_as_output;
+use crate::progress::{Progress, WRITING_STAGE};
+use planish_estimate::{Error, Result};
+pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
+use planish_exchange::contours::{
+    ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
+};
+use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
+pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Fewer readings than this are no part, but strays.
+const LEAST_READINGS: usize = 8;
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContourJob {
+    /// CSV of readings, or a CARMEN log.
+    pub input: PathBuf,
+    /// Kinds to try; empty for all, chains of lines and arcs included.
+    pub kinds: Vec<Kind>,
+    /// How to fit.
+    pub fit: FitOptions,
+    /// σ where the file has none.
+    pub sigma: SigmaDefaults,
+    /// Which scans of a log.
+    pub carmen: CarmenOptions,
+    /// Readings farther apart than this belong to different parts; found from their number where it is not given.
+    pub gap: Option<f64>,
+    /// `.json`, `.dxf`, `.svg`.
+    pub outputs: Vec<PathBuf>,
+    /// Unit of lengths where the file does not name it.
+    pub unit: Option<Unit>,
+}
+
+/// A part of the readings, with what it is.
+struct Part {
+    level: Option<f64>,
+    members: Vec<usize>,
+    choice: Choice,
+}
+
+/// Does the job and writes its outputs.
+///
+/// # Errors
+/// `Io` and `Input` of the reader and writers; `Unsupported` for an extension that cannot be written; `Undetermined` when no
+/// part can be fitted.
+pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
+    for output in &job.outputs {
+        if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
+            return Err(Error::unsupported(format!(
+                "{}: a contour is written as .json, .dxf or .svg",
+                output.display()
+            )));
+        }
+        refuse_input_as_output(output, std::slice::from_ref(&job.input))?;
+        check_writable(output)?;
+    }
+    progress.check("reading", 0.0)?;
+    let read = read_contour_readings(&job.input, &job.sigma, &job.carmen)?;
+    let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
+    let mut warnings = Vec::new();
+    let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
+    let report = report::report(&read, &parts, unit, warnings);
+    progress.check(WRITING_STAGE, 0.95)?;
+    let drawn: Vec<DrawnContour> = parts.iter().map(|part| drawn(part, &read.sightings)).collect();
+    for output in &job.outputs {
+        write(output, &report, &drawn, &parts, &read)?;
+    }
+    progress.advance("done", 1.0);
+    Ok(report)
+}
+
+fn parts_of(
+    read: &ContourReadings,
+    job: &ContourJob,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Part>> {
+    let mut groups: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
+    for i in 0..read.sightings.len() {
+        let level = read.levels.as_ref().map(|levels| levels[i]);
+        match groups.iter_mut().find(|(l, _)| *l == level) {
+            Some((_, members)) => members.push(i),
+            None => groups.push((level, vec![i])),
+        }
+    }
+    let mut strays = 0;
+    let mut clusters: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
+    for (level, members) in groups {
+        let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
+        let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
+        for cluster in separate(&sightings, gap) {
+            if cluster.len() < LEAST_READINGS && cluster.len() < sightings.len() {
+                strays += cluster.len();
+            } else {
+                clusters.push((level, cluster.into_iter().map(|k| members[k]).collect()));
+            }
+        }
+    }
+    if strays > 0 {
+        warnings.push(format!(
+            "{strays} readings lie apart from all others and were left out: raise --gap if they belong together"
+        ));
+    }
+    let (kinds, chains) = match job.kinds.is_empty() {
+        true => (auto_kinds(), true),
+        false => (job.kinds.clone(), false),
+    };
+    let count = clusters.len();
+    let mut parts = Vec::new();
+    for (k, (level, members)) in clusters.into_iter().enumerate() {
+        progress.check("fitting", 0.05 + 0.9 * k as f64 / count as f64)?;
+        let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
+        match choose(&kinds, chains, &sightings, &job.fit) {
+            Ok(choice) => parts.push(Part { level, members, choice }),
+            Err(e) if count > 1 => warnings.push(format!("a part of {} readings was left out: {e}", members.len())),
+            Err(e) => return Err(e),
+        }
+    }
+    if parts.is_empty() {
+        return Err(Error::undetermined("no part of the readings determines a contour"));
+    }
+    parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
+    Ok(parts)
+}
+
+/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent are
+/// exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
+fn usual_gap(sightings: &[Sighting]) -> f64 {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut variance = 0.0;
+    for sighting in sightings {
+        let p = sighting.point();
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+        let [xx, _, yy] = sighting.covariance();
+        variance += 0.5 * (xx + yy);
+    }
+    let n = sightings.len() as f64;
+    let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    let spacing = 2.0 * extent / n;
+    (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
+}
+
+fn drawn(part: &Part, sightings: &[Sighting]) -> DrawnContour {
+    let fit = &part.choice.fit;
+    let (theta, _) = fit.kind.canonical(&fit.state.as_slice()[..fit.kind.parameters()]);
+    let seen = (fit.kind == Kind::Line).then(|| {
+        let (sin, cos) = theta[0].sin_cos();
+        let along = part.members.iter().map(|&i| {
+            let p = sightings[i].point();
+            cos * p[0] + sin * p[1]
+        });
+        let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        [from, to].map(|t| [t * cos - theta[1] * sin, t * sin + theta[1] * cos])
+    });
+    DrawnContour {
+        kind: fit.kind.clone(),
+        theta,
+        seen,
+    }
+}
+
+fn write(
+    path: &Path,
+    report: &ContourReport,
+    drawn: &[DrawnContour],
+    parts: &[Part],
+    read: &ContourReadings,
+) -> Result<()> {
+    match extension(path).as_str() {
+        "dxf" => write_contours_dxf(path, drawn, report.unit),
+        "svg" => {
+            let points: Vec<([f64; 2], bool)> = parts
+                .iter()
+                .flat_map(|part| part.members.iter().zip(&part.choice.fit.used))
+                .map(|(&i, &used)| (read.sightings[i].point(), used))
+                .collect();
+            write_contours_svg(path, drawn, &points)
+        }
+        _ => {
+            let text = serde_json::to_string_pretty(report).map_err(|e| {
+                Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
+            })?;
+            write_atomically(path, |out| writeln!(out, "{text}"))
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! What is said of contours: the keys of `contour.json`.
+
+use super::Part;
+use super::levels::{LevelRelation, relation};
+use nalgebra::DMatrix;
+use planish_exchange::Unit;
+use planish_exchange::contours::ContourReadings;
+use planish_solid::contour::{ContourFit, contains};
+use serde::Serialize;
+use serde::ser::SerializeMap;
+
+/// A number with its σ.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReportedValue {
+    /// The number.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+/// A kind that was not chosen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedAlternative {
+    /// Which.
+    pub kind: String,
+    /// By how much its BIC is larger than the best.
+    pub bic_difference: f64,
+}
+
+/// One contour.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PartReport {
+    /// `circle`, `rectangle`, `polygon-5` …
+    pub kind: String,
+    /// Parameters in the unit of the file, angles in degrees.
+    #[serde(serialize_with = "as_map")]
+    pub parameters: Vec<(String, ReportedValue)>,
+    /// Names in the order of the covariance.
+    pub order: Vec<String>,
+    /// Covariance of the parameters, in those units.
+    pub covariance: Vec<Vec<f64>>,
+    /// `−½ Σ s²` over the readings, up to a constant that all kinds share.
+    pub log_likelihood: f64,
+    /// By how much the BIC of the next kind is larger.
+    pub bic_margin: Option<f64>,
+    /// The other kinds.
+    pub alternatives: Vec<ReportedAlternative>,
+    /// How many readings it has.
+    pub readings: usize,
+    /// How many of them lie beyond the gate.
+    pub rejected: usize,
+    /// Mean squared distance in standard deviations, over the degrees of freedom; one is expected.
+    pub reduced_chi_square: f64,
+    /// Its level, where there are levels.
+    pub level: Option<f64>,
+    /// The part, by its place in `contours`, in which this one lies: this is a hole of it.
+    pub hole_of: Option<usize>,
+}
+
+/// All contours of a file; the keys of the largest stand at the top.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ContourReport {
+    /// The part with the most readings.
+    #[serde(flatten)]
+    pub main: PartReport,
+    /// All parts, that one first.
+    pub contours: Vec<PartReport>,
+    /// What the levels make together, where there are several.
+    pub levels: Option<LevelRelation>,
+    /// Unit of lengths.
+    #[serde(serialize_with = "unit_name")]
+    pub unit: Option<Unit>,
+    /// Readings that were left out before the fit.
+    pub left_out: usize,
+    /// What a user should know.
+    #[serde(skip)]
+    pub warnings: Vec<String>,
+}
+
+fn unit_name<S: serde::Serializer>(unit: &Option<Unit>, serializer: S) -> Result<S::Ok, S::Error> {
+    unit.map(Unit::name).serialize(serializer)
+}
+
+fn as_map<S: serde::Serializer>(values: &[(String, ReportedValue)], serializer: S) -> Result<S::Ok, S::Error> {
+    let mut map = serializer.serialize_map(Some(values.len()))?;
+    for (name, value) in values {
+        map.serialize_entry(name, value)?;
+    }
+    map.end()
+}
+
+/// The state and covariance of a fit in canonical parameters and the units of files, motion at the end.
+pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64>) {
+    let k = fit.kind.parameters();
+    let (mut values, mut from) = fit.kind.canonical(&fit.state.as_slice()[..k]);
+    let mut names = fit.kind.names();
+    let motion = [
+        ("velocity_x", 1.0),
+        ("velocity_y", 1.0),
+        ("rotation_deg_per_s", 1f64.to_degrees()),
+    ];
+    for (i, (name, factor)) in motion.into_iter().take(fit.state.len() - k).enumerate() {
+        names.push((name.to_owned(), factor));
+        values.push(fit.state[k + i]);
+        from.push((k + i, 1.0));
+    }
+    let factor = |i: usize| names[i].1 * from[i].1;
+    let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| {
+        factor(i) * factor(j) * fit.covariance[(from[i].0, from[j].0)]
+    });
+    let values = values
+        .iter()
+        .zip(&names)
+        .map(|(value, (_, factor))| value * factor)
+        .collect();
+    (names.into_iter().map(|(name, _)| name).collect(), values, covariance)
+}
+
+pub(super) fn report(
+    read: &ContourReadings,
+    parts: &[Part],
+    unit: Option<Unit>,
+    mut warnings: Vec<String>,
+) -> ContourReport {
+    let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, i)).collect();
+    for (i, part) in contours.iter().enumerate() {
+        let name = format!("contour {} ({}, {} readings)", i + 1, part.kind, part.readings);
+        if part.bic_margin.is_some_and(|margin| margin < 6.0) {
+            let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
+            warnings.push(format!(
+                "{name}: {other} explains the readings nearly as well (BIC margin {:.1})",
+                part.bic_margin.unwrap_or(0.0)
+            ));
+        }
+        if !(0.4..2.5).contains(&part.reduced_chi_square) {
+            warnings.push(format!(
+                "{name}: distances are {:.2} of what the stated σ let expect: check σ, or the kind",
+                part.reduced_chi_square.sqrt()
+            ));
+        }
+    }
+    ContourReport {
+        main: contours[0].clone(),
+        levels: relation(parts),
+        contours,
+        unit,
+        left_out: read.left_out,
+        warnings,
+    }
+}
+
+fn part_report(parts: &[Part], index: usize) -> PartReport {
+    let part = &parts[index];
+    let fit = &part.choice.fit;
+    let (order, values, covariance) = canonical(fit);
+    let best = fit.bic();
+    let sigma = |i: usize| covariance[(i, i)].sqrt();
+    PartReport {
+        kind: fit.kind.to_string(),
+        parameters: (0..order.len())
+            .map(|i| {
+                let value = ReportedValue {
+                    value: values[i],
+                    sigma: sigma(i),
+                };
+                (order[i].clone(), value)
+            })
+            .collect(),
+        covariance: covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+        order,
+        log_likelihood: fit.log_likelihood,
+        bic_margin: part.choice.bic_margin,
+        alternatives: part
+            .choice
+            .alternatives
+            .iter()
+            .map(|a| ReportedAlternative {
+                kind: a.kind.to_string(),
+                bic_difference: a.bic - best,
+            })
+            .collect(),
+        readings: part.members.len(),
+        rejected: fit.used.iter().filter(|used| !**used).count(),
+        reduced_chi_square: fit.reduced_chi_square(),
+        level: part.level,
+        hole_of: hole_of(parts, index),
+    }
+}
+
+/// The smallest part of the same level that holds all vertices of this one.
+fn hole_of(parts: &[Part], index: usize) -> Option<usize> {
+    let outline = |part: &Part| {
+        let fit = &part.choice.fit;
+        fit.kind.outline(&fit.state.as_slice()[..fit.kind.parameters()])
+    };
+    let inner = outline(&parts[index])?;
+    let others = (0..parts.len()).filter(|&i| i != index && parts[i].level == parts[index].level);
+    let around =
+        others.filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
+    around.min_by_key(|&i| parts[i].members.len())
+}

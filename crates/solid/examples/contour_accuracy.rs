@@ -1,0 +1,168 @@
+//! Bias, RMSE over the Kanatani–Cramér–Rao bound, and NEES of EKF, IEKF, NUIEKF and batch, as CSV on stdout.
+//!
+//! `cargo run --release -p planish-solid --example contour_accuracy [runs] [radius|diameter] [circle,ellipse,…|all] [folder for the readings]`
+//!
+//! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %.
+
+#![allow(clippy::print_stdout, reason = "a program whose output is its table")]
+
+use nalgebra::DVector;
+use planish_estimate::normalized_squared;
+use planish_solid::contour::{FitOptions, Kind, Method, SensorOptions, Sighting, Target, bound, fit, ranges};
+use rayon::prelude::*;
+use std::fmt::Write as _;
+
+/// Contours of circumradius 1 about the origin: their kinds, parameters, the period of the angle, and which it is.
+fn contours() -> Vec<(Kind, Vec<f64>, f64)> {
+    let pi = std::f64::consts::PI;
+    vec![
+        (Kind::Circle, vec![0.0, 0.0, 1.0], 0.0),
+        (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5], pi),
+        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], pi),
+        (Kind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], pi / 3.0),
+    ]
+}
+
+fn main() {
+    let mut args = std::env::args().skip(1);
+    let runs: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(100);
+    let size = if args.next().as_deref() == Some("radius") {
+        1.0
+    } else {
+        2.0
+    };
+    let chosen = args.next().unwrap_or_else(|| "all".to_owned());
+    let dump = args.next();
+    let sensor = SensorOptions {
+        standoff: 3.0 * size,
+        sigma: [0.02 * size, 0.02 * size, 2f64.to_radians(), 0.0],
+        sigma_range_share: 0.01,
+        sweep: 1,
+        outlier_share: 0.0,
+        velocity: [0.0; 3],
+        rate_hz: 1.0,
+    };
+    println!(
+        "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,rmse_of_size_over_kcr,nees_per_unknown,median_rmse_over_kcr"
+    );
+    for (kind, truth, period) in contours() {
+        if chosen != "all" && !chosen.split(',').any(|name| name == kind.family()) {
+            continue;
+        }
+        for n in [50, 200, 2000] {
+            if let Some(folder) = &dump {
+                write_dump(folder, &kind, &truth, n, runs, &sensor);
+            }
+            for (name, method, correct_bias) in [
+                ("ekf", Method::Extended, false),
+                ("iekf", Method::Iterated, false),
+                ("nuiekf", Method::NoiseUpdated, true),
+                ("batch", Method::Batch, true),
+                ("batch-uncorrected", Method::Batch, false),
+            ] {
+                let options = FitOptions {
+                    method,
+                    gate: None,
+                    correct_bias,
+                    ..FitOptions::default()
+                };
+                let outcomes: Vec<Option<Outcome>> = (0..runs)
+                    .into_par_iter()
+                    .map(|run| one(&kind, &truth, period, n, &sensor, &options, run as u64))
+                    .collect();
+                print_row(&kind, n, name, &outcomes);
+            }
+        }
+    }
+}
+
+/// Errors over the bound's σ, the NEES, and the mean square of the errors whitened by the bound.
+struct Outcome {
+    normalized: Vec<f64>,
+    nees: f64,
+    squared: f64,
+}
+
+fn one(
+    kind: &Kind,
+    truth: &[f64],
+    period: f64,
+    n: usize,
+    sensor: &SensorOptions,
+    options: &FitOptions,
+    run: u64,
+) -> Option<Outcome> {
+    let made = ranges(kind, truth, [0.0; 2], n, sensor, run);
+    let kcr = bound(kind, truth, &made.exact).ok()?;
+    let found = fit(kind, &made.noisy, options).ok()?;
+    let truth = DVector::from_column_slice(truth);
+    let mut off = &found.state - &truth;
+    if period > 0.0 {
+        let k = truth.len() - 1;
+        let mut swapped = found.state.clone();
+        if matches!(kind, Kind::Ellipse | Kind::Rectangle) && found.state[2] < found.state[3] {
+            swapped.swap_rows(2, 3);
+            swapped[k] += std::f64::consts::FRAC_PI_2;
+            off = &swapped - &truth;
+        }
+        off[k] = (off[k] + 0.5 * period).rem_euclid(period) - 0.5 * period;
+    }
+    Some(Outcome {
+        normalized: (0..off.len()).map(|k| off[k] / kcr[(k, k)].sqrt()).collect(),
+        nees: normalized_squared(&off, &found.covariance).ok()?,
+        squared: normalized_squared(&off, &kcr).ok()? / off.len() as f64,
+    })
+}
+
+fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
+    let good: Vec<&Outcome> = outcomes.iter().flatten().collect();
+    let count = good.len() as f64;
+    let unknowns = good.first().map_or(1, |o| o.normalized.len());
+    let mean = |k: usize| good.iter().map(|o| o.normalized[k]).sum::<f64>() / count;
+    let bias = (0..unknowns).map(|k| mean(k).abs()).fold(0.0, f64::max);
+    let rmse = |k: usize| (good.iter().map(|o| o.normalized[k].powi(2)).sum::<f64>() / count).sqrt();
+    let all = (good.iter().map(|o| o.squared).sum::<f64>() / count).sqrt();
+    let mut squares: Vec<f64> = good.iter().map(|o| o.squared).collect();
+    squares.sort_by(f64::total_cmp);
+    let nees = good.iter().map(|o| o.nees).sum::<f64>() / (count * unknowns as f64);
+    println!(
+        "{kind},{n},{name},{},{},{bias:.3},{:.3},{all:.3},{:.3},{nees:.3},{:.3}",
+        outcomes.len(),
+        outcomes.len() - good.len(),
+        mean(2),
+        rmse(2),
+        squares.get(squares.len() / 2).copied().unwrap_or(f64::NAN).sqrt()
+    );
+}
+
+/// The readings of every run, for other programs: one CSV a contour and number of readings.
+fn write_dump(folder: &str, kind: &Kind, truth: &[f64], n: usize, runs: usize, sensor: &SensorOptions) {
+    let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range\n");
+    for run in 0..runs {
+        let made = ranges(kind, truth, [0.0; 2], n, sensor, run as u64);
+        for Sighting { target, .. } in &made.noisy {
+            if let Target::Range {
+                origin,
+                heading_rad,
+                range,
+                sigma,
+            } = target
+            {
+                let _ = writeln!(
+                    text,
+                    "{run},{},{},{},{range},{},{},{},{}",
+                    origin[0],
+                    origin[1],
+                    heading_rad.to_degrees(),
+                    sigma[0],
+                    sigma[1],
+                    sigma[2].to_degrees(),
+                    sigma[3]
+                );
+            }
+        }
+    }
+    if let Err(e) = std::fs::write(format!("{folder}/{kind}-{n}.csv"), text) {
+        println!("# {folder}: {e}");
+    }
+}

@@ -1,0 +1,459 @@
+//! One kind of contour fitted to readings.
+
+use super::kind::Kind;
+use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
+use super::start::{mean, starts};
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, SharedNoise, fit_implicit, kanatani_cramer_rao};
+use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
+
+/// How parameters are estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// All readings at once.
+    Batch,
+    /// One after the other, linearised at the prediction.
+    Extended,
+    /// One after the other, linearised anew in the state.
+    Iterated,
+    /// One after the other, linearised anew in state and noise.
+    NoiseUpdated,
+}
+
+/// Settings of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// How parameters are estimated.
+    pub method: Method,
+    /// How pieces become an equation.
+    pub form: Form,
+    /// How the thing moves.
+    pub motion: Motion,
+    /// Readings farther than this many standard deviations are left out; `None` keeps all.
+    pub gate: Option<f64>,
+    /// Whether what curvature adds to distances is taken off (batch and NUIEKF).
+    pub correct_bias: bool,
+    /// Parameters, motion included, to start from, in place of what the readings suggest.
+    pub start: Option<Vec<f64>>,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            method: Method::Batch,
+            form: Form::ActiveFacet,
+            motion: Motion::Still,
+            gate: Some(4.0),
+            correct_bias: true,
+            start: None,
+        }
+    }
+}
+
+/// A contour with its covariance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContourFit {
+    /// Its kind.
+    pub kind: Kind,
+    /// Its parameters, then the motion's; angles in radians, not brought to their canonical range.
+    pub state: DVector<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// Distance of each reading in standard deviations; NaN where it has none.
+    pub distances: Vec<f64>,
+    /// Whether each reading counted.
+    pub used: Vec<bool>,
+    /// `−½ Σ s²` over the readings that counted, less what a gate costs for each that did not; up to a constant.
+    pub log_likelihood: f64,
+    /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
+    pub squares: f64,
+    /// How it ended.
+    pub termination: Termination,
+    /// The pivot of the motion.
+    pub pivot: [f64; 2],
+    /// The time at which the contour is where the parameters say.
+    pub time_s: f64,
+}
+
+impl ContourFit {
+    /// `−2 ln L + k ln n`.
+    #[must_use]
+    pub fn bic(&self) -> f64 {
+        self.state.len() as f64 * (self.distances.len().max(2) as f64).ln() - 2.0 * self.log_likelihood
+    }
+
+    /// Mean squared distance over its degrees of freedom; one is expected.
+    #[must_use]
+    pub fn reduced_chi_square(&self) -> f64 {
+        let count = self.used.iter().filter(|used| **used).count() as f64;
+        self.squares / (count - self.state.len() as f64).max(1.0)
+    }
+}
+
+/// Fits a kind of contour to readings, with their poses in their noise, or as unknowns where readings share them.
+///
+/// Starts as [`starts`]; a robust batch (Tukey), then the batch proper on what passes the gate. A recursive method takes the
+/// batch's place after readings enough to know all parameters, spread over the whole, which it does not take again.
+///
+/// # Errors
+/// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
+pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    let sightings = &own_poses(sightings)[..];
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let times = sightings.iter().map(|s| s.time_s);
+    let setting = Setting {
+        kind: kind.clone(),
+        form: options.form,
+        motion: options.motion,
+        pivot: mean(&points),
+        time_s: if options.motion == Motion::Still {
+            0.0
+        } else {
+            times.fold(f64::INFINITY, f64::min)
+        },
+        shared_poses: sightings.iter().any(|s| s.pose.is_some()),
+    };
+    if sightings.len() < setting.unknowns() {
+        return Err(Error::undetermined(format!(
+            "{} readings cannot determine the {} unknowns of a {kind}: give more readings",
+            sightings.len(),
+            setting.unknowns()
+        )));
+    }
+    let first = match options.method {
+        Method::Batch => sightings.to_vec(),
+        _ => seed_of(sightings, &setting).0,
+    };
+    let candidates = match &options.start {
+        Some(start) => vec![start.clone()],
+        None => with_motion(starts(kind, &first)?, &setting, &first),
+    };
+    let mut best: Option<ContourFit> = None;
+    for start in candidates {
+        let Ok(found) = fit_from(&setting, sightings, &start, options) else {
+            continue;
+        };
+        if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
+            && corners_are_real(&found)
+            && stays_near(&found, &points)
+            && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
+        {
+            best = Some(found);
+        }
+    }
+    best.ok_or_else(|| {
+        Error::undetermined(format!(
+            "the readings do not determine a {kind}: they may see too little of it, or be of something else"
+        ))
+    })
+}
+
+/// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings without errors that
+/// state the σ of those with errors.
+///
+/// # Errors
+/// `Undetermined` when the readings do not determine the parameters.
+pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f64>> {
+    let setting = Setting {
+        kind: kind.clone(),
+        form: Form::ActiveFacet,
+        motion: Motion::Still,
+        pivot: [0.0; 2],
+        time_s: 0.0,
+        shared_poses: exact.iter().any(|s| s.pose.is_some()),
+    };
+    let (readings, groups) = equations(&setting, exact);
+    kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
+}
+
+/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no spike. More corners
+/// than the readings tell apart would otherwise explain noise.
+fn corners_are_real(found: &ContourFit) -> bool {
+    let (count, closed) = match &found.kind {
+        Kind::Polygon(count) => (*count, true),
+        Kind::Chain { arcs, closed } => (arcs.len() + usize::from(!closed), *closed),
+        _ => return true,
+    };
+    let theta = found.state.as_slice();
+    let vertex = |i: usize| [theta[2 * (i % count)], theta[2 * (i % count) + 1]];
+    let variance = |i: usize| {
+        let k = 2 * (i % count);
+        0.5 * (found.covariance[(k, k)] + found.covariance[(k + 1, k + 1)])
+    };
+    let sides = if closed { count } else { count - 1 };
+    let is_polygon = matches!(found.kind, Kind::Polygon(_));
+    (0..sides).all(|i| {
+        let (a, b, c) = (vertex(i), vertex(i + 1), vertex(i + 2));
+        let (d, e) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
+        let (length, next) = (d[0].hypot(d[1]), e[0].hypot(e[1]));
+        let long = length * length > 9.0 * (variance(i) + variance(i + 1));
+        // Turning back by more than 150°.
+        let spike = is_polygon && d[0] * e[0] + d[1] * e[1] < -0.866 * length * next;
+        long && !spike
+    })
+}
+
+/// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
+fn stays_near(found: &ContourFit, points: &[[f64; 2]]) -> bool {
+    let from = |p: [f64; 2]| (p[0] - found.pivot[0]).hypot(p[1] - found.pivot[1]);
+    let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
+    let theta = &found.state.as_slice()[..found.kind.parameters()];
+    let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
+    matches!(found.kind, Kind::Circle | Kind::Ellipse)
+        || found.kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
+}
+
+/// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
+fn own_poses(sightings: &[Sighting]) -> Vec<Sighting> {
+    let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
+    let all = poses.len();
+    poses.sort_unstable();
+    poses.dedup();
+    let shared = poses.len() < all;
+    let pose = |s: &Sighting| s.pose.filter(|_| shared);
+    sightings.iter().map(|s| Sighting { pose: pose(s), ..*s }).collect()
+}
+
+fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting]) -> Vec<Vec<f64>> {
+    let extra = setting.motion.unknowns();
+    if extra == 0 {
+        return thetas;
+    }
+    // The drift of the points, which holds where all sides are seen at all times; and none.
+    let mean_time = sightings.iter().map(|s| s.time_s).sum::<f64>() / sightings.len() as f64;
+    let square: f64 = sightings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
+    let drift = [0, 1].map(|k| {
+        let product: f64 = sightings.iter().map(|s| (s.time_s - mean_time) * s.point()[k]).sum();
+        if square > 0.0 { product / square } else { 0.0 }
+    });
+    let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
+    // Starts of what the points would be without the drift.
+    let back: Vec<Sighting> = sightings
+        .iter()
+        .map(|s| {
+            let p = s.point();
+            let time = s.time_s - setting.time_s;
+            Sighting {
+                target: Target::Point {
+                    position: [p[0] - drift[0] * time, p[1] - drift[1] * time],
+                    sigma: s.covariance()[0].sqrt(),
+                },
+                ..*s
+            }
+        })
+        .collect();
+    let drifting = starts(&setting.kind, &back).unwrap_or_default();
+    let moved = drifting.into_iter().map(|t| {
+        let mut start = [&t[..], &drift[..]].concat();
+        start.resize(t.len() + extra, 0.0);
+        start
+    });
+    still.chain(moved).collect()
+}
+
+fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> (Vec<ContourReading<'a>>, Vec<usize>) {
+    let mut numbers = std::collections::BTreeMap::new();
+    let mut groups = Vec::with_capacity(sightings.len());
+    let mut alone = 0;
+    for sighting in sightings {
+        let key = match sighting.pose {
+            Some(pose) => (false, pose),
+            None => {
+                alone += 1;
+                (true, alone)
+            }
+        };
+        let next = numbers.len();
+        groups.push(*numbers.entry(key).or_insert(next));
+    }
+    let readings = sightings
+        .iter()
+        .map(|sighting| ContourReading { setting, sighting })
+        .collect();
+    (readings, groups)
+}
+
+fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
+    setting.shared_poses.then_some(SharedNoise { size: 3, groups })
+}
+
+/// What a reading outside the gate costs: as much as one on it.
+fn gate_cost(gate: Option<f64>) -> f64 {
+    gate.map_or(0.0, |g| 0.5 * g * g)
+}
+
+fn fit_from(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+    match options.method {
+        Method::Batch => batch(setting, sightings, start, options),
+        _ => recursive(setting, sightings, start, options),
+    }
+}
+
+fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+    let (all, groups) = equations(setting, sightings);
+    let plain = ImplicitOptions {
+        correct_bias: options.correct_bias && options.gate.is_none(),
+        ..ImplicitOptions::default()
+    };
+    let mut at = DVector::from_column_slice(start);
+    let mut used = vec![true; sightings.len()];
+    if let Some(gate) = options.gate {
+        // Wide at first: an outline that is not yet in place must not lose half of its readings.
+        for threshold in [20.0, 6.0] {
+            let robust = ImplicitOptions {
+                loss: Loss::Tukey { threshold },
+                correct_bias: false,
+                max_iterations: 30,
+                step_tolerance: 1e-2,
+            };
+            at = fit_implicit(&all, shared(setting, &groups), &at, &robust)?.state;
+        }
+        let look = ImplicitOptions {
+            max_iterations: 0,
+            correct_bias: false,
+            ..plain
+        };
+        let seen = fit_implicit(&all, shared(setting, &groups), &at, &look)?;
+        for (used, distance) in used.iter_mut().zip(&seen.distances) {
+            *used = distance.abs() <= gate;
+        }
+    }
+    let kept: Vec<Sighting> = sightings
+        .iter()
+        .zip(&used)
+        .filter(|(_, u)| **u)
+        .map(|(s, _)| *s)
+        .collect();
+    if kept.len() < setting.unknowns() {
+        return Err(Error::undetermined("too few readings lie near the contour"));
+    }
+    let (readings, kept_groups) = equations(setting, &kept);
+    let options_here = ImplicitOptions {
+        correct_bias: options.correct_bias,
+        ..plain
+    };
+    let found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
+    let Some(covariance) = found.covariance else {
+        return Err(Error::undetermined(
+            "the readings leave a parameter of the contour free",
+        ));
+    };
+    let mut distances = vec![f64::NAN; sightings.len()];
+    let mut next = found.distances.iter();
+    for (distance, used) in distances.iter_mut().zip(&mut used) {
+        if *used {
+            *distance = next.next().copied().unwrap_or(f64::NAN);
+            *used = distance.is_finite();
+        }
+    }
+    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    Ok(ContourFit {
+        kind: setting.kind.clone(),
+        state: found.state,
+        covariance,
+        distances,
+        used,
+        squares: 2.0 * found.loss,
+        log_likelihood: -found.loss - left_out * gate_cost(options.gate),
+        termination: found.termination,
+        pivot: setting.pivot,
+        time_s: setting.time_s,
+    })
+}
+
+/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn apart.
+fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
+    let wanted = (4 * setting.unknowns())
+        .max(12)
+        .min(sightings.len() / 2)
+        .max(setting.unknowns());
+    let stride = (sightings.len() / wanted.max(1)).max(1);
+    let mut counted = 0;
+    let mut poses = Vec::new();
+    let mut taken = vec![false; sightings.len()];
+    for i in (0..sightings.len()).step_by(stride) {
+        if counted < wanted {
+            taken[i] = true;
+            poses.extend(sightings[i].pose);
+            counted += 1;
+        }
+    }
+    let in_seed = |i: usize| taken[i] || sightings[i].pose.is_some_and(|p| poses.contains(&p));
+    let pick = |seed: bool| {
+        (0..sightings.len())
+            .filter(|&i| in_seed(i) == seed)
+            .map(|i| sightings[i])
+            .collect()
+    };
+    (pick(true), pick(false))
+}
+
+fn recursive(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+    let (seed, rest) = seed_of(sightings, setting);
+    let first = batch(setting, &seed, start, options)?;
+    let mut filter = KalmanFilter::new(first.state, first.covariance)?;
+    let mut update = match options.method {
+        Method::Extended => ImplicitUpdate::extended(),
+        Method::Iterated => ImplicitUpdate::iterated(),
+        _ => ImplicitUpdate::noise_updated(),
+    };
+    update.gate = options.gate;
+    update.correct_bias &= options.correct_bias;
+    let n = setting.unknowns();
+    let mut pose: Option<usize> = None;
+    for sighting in &rest {
+        if setting.shared_poses && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n) {
+            change_pose(&mut filter, n)?;
+            pose = sighting.pose;
+        }
+        let reading = ContourReading { setting, sighting };
+        // An equation without a value at the prediction says nothing: the reading is left out.
+        let _ = filter.update_implicit(&reading, &update);
+    }
+    let state = filter.mean().rows(0, n).into_owned();
+    let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
+    // Distances of all readings to what was found, without moving it.
+    let (all, groups) = equations(setting, sightings);
+    let look = ImplicitOptions {
+        max_iterations: 0,
+        correct_bias: false,
+        ..ImplicitOptions::default()
+    };
+    let seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
+    let near = |d: &f64| d.is_finite() && options.gate.is_none_or(|g| d.abs() <= g);
+    let used: Vec<bool> = seen.distances.iter().map(near).collect();
+    let squares: f64 = seen
+        .distances
+        .iter()
+        .zip(&used)
+        .filter(|(_, u)| **u)
+        .map(|(d, _)| d * d)
+        .sum();
+    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    Ok(ContourFit {
+        kind: setting.kind.clone(),
+        state,
+        covariance,
+        distances: seen.distances,
+        used,
+        squares,
+        log_likelihood: -0.5 * squares - left_out * gate_cost(options.gate),
+        termination: Termination::Converged,
+        pivot: setting.pivot,
+        time_s: setting.time_s,
+    })
+}
+
+/// Drops the errors of the last pose, and takes those of the next into the state.
+fn change_pose(filter: &mut KalmanFilter, n: usize) -> Result<()> {
+    let had = filter.mean().len();
+    let mut transition = DMatrix::zeros(n + 3, had);
+    let mut fresh = DMatrix::zeros(n + 3, n + 3);
+    for k in 0..n {
+        transition[(k, k)] = 1.0;
+    }
+    for k in n..n + 3 {
+        fresh[(k, k)] = 1.0;
+    }
+    filter.predict(&transition, &fresh)
+}

@@ -1,0 +1,355 @@
+//! Kinds of contours, their parameters, and the outlines that these mean.
+
+use std::fmt;
+
+/// `tan(θ/4)` of a quarter circle.
+const QUARTER: f64 = 0.414_213_562_373_095_03;
+
+/// What sort of contour.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// A straight line, of any length: `angle_rad offset`, the points with `−sin·x + cos·y = offset`.
+    Line,
+    /// `center_x center_y radius`.
+    Circle,
+    /// `center_x center_y semi_major semi_minor angle_rad`.
+    Ellipse,
+    /// `center_x center_y width height angle_rad`.
+    Rectangle,
+    /// `center_x center_y width height angle_rad corner_radius`.
+    RoundedRectangle,
+    /// A rectangle that ends in half circles: `center_x center_y length width angle_rad`, the length over all.
+    Slot,
+    /// `center_x center_y circumradius angle_rad`, the angle that of a vertex.
+    RegularPolygon(usize),
+    /// `x0 y0 x1 y1 …`.
+    Polygon(usize),
+    /// Lines and arcs: the vertices as of a polygon, then `tan(θ/4)` of each piece that is an arc of the angle θ.
+    Chain {
+        /// Whether each piece is an arc.
+        arcs: Vec<bool>,
+        /// Whether the last piece ends at the first vertex.
+        closed: bool,
+    },
+}
+
+/// Vertices and the pieces between them: piece `i` runs from vertex `i` to the next, counter-clockwise about the inside.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outline {
+    /// The vertices.
+    pub vertices: Vec<[f64; 2]>,
+    /// `tan(θ/4)` of the arc that each piece is, 0 for a line: as in a DXF polyline. Positive bulges outwards.
+    pub bulges: Vec<f64>,
+    /// Whether the last vertex is joined to the first.
+    pub closed: bool,
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line => out.write_str("line"),
+            Self::Circle => out.write_str("circle"),
+            Self::Ellipse => out.write_str("ellipse"),
+            Self::Rectangle => out.write_str("rectangle"),
+            Self::RoundedRectangle => out.write_str("rounded-rectangle"),
+            Self::Slot => out.write_str("slot"),
+            Self::RegularPolygon(sides) => write!(out, "regular-polygon-{sides}"),
+            Self::Polygon(vertices) => write!(out, "polygon-{vertices}"),
+            Self::Chain { .. } => out.write_str("chain"),
+        }
+    }
+}
+
+impl Kind {
+    /// How many parameters there are.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        match self {
+            Self::Line => 2,
+            Self::Circle => 3,
+            Self::RegularPolygon(_) => 4,
+            Self::Ellipse | Self::Rectangle | Self::Slot => 5,
+            Self::RoundedRectangle => 6,
+            Self::Polygon(vertices) => 2 * vertices,
+            Self::Chain { arcs, closed } => {
+                2 * (arcs.len() + usize::from(!closed)) + arcs.iter().filter(|&&arc| arc).count()
+            }
+        }
+    }
+
+    /// The name of the kind without its number of vertices: `regular-polygon`.
+    #[must_use]
+    pub fn family(&self) -> &'static str {
+        match self {
+            Self::Line => "line",
+            Self::Circle => "circle",
+            Self::Ellipse => "ellipse",
+            Self::Rectangle => "rectangle",
+            Self::RoundedRectangle => "rounded-rectangle",
+            Self::Slot => "slot",
+            Self::RegularPolygon(_) => "regular-polygon",
+            Self::Polygon(_) => "polygon",
+            Self::Chain { .. } => "chain",
+        }
+    }
+
+    /// Names of the parameters as files have them, and the factor from the inside: degrees for angles.
+    #[must_use]
+    pub fn names(&self) -> Vec<(String, f64)> {
+        let fixed = |names: &[&str]| {
+            let with_unit = |name: &&str| {
+                (
+                    (*name).to_owned(),
+                    if name.ends_with("_deg") { 1f64.to_degrees() } else { 1.0 },
+                )
+            };
+            names.iter().map(with_unit).collect::<Vec<_>>()
+        };
+        match self {
+            Self::Line => fixed(&["angle_deg", "offset"]),
+            Self::Circle => fixed(&["center_x", "center_y", "radius"]),
+            Self::Ellipse => fixed(&["center_x", "center_y", "semi_major", "semi_minor", "angle_deg"]),
+            Self::Rectangle => fixed(&["center_x", "center_y", "width", "height", "angle_deg"]),
+            Self::RoundedRectangle => fixed(&["center_x", "center_y", "width", "height", "angle_deg", "corner_radius"]),
+            Self::Slot => fixed(&["center_x", "center_y", "length", "width", "angle_deg"]),
+            Self::RegularPolygon(_) => fixed(&["center_x", "center_y", "circumradius", "angle_deg"]),
+            Self::Polygon(count) => vertex_names(*count),
+            Self::Chain { arcs, closed } => {
+                let mut names = vertex_names(arcs.len() + usize::from(!closed));
+                let bulges = arcs.iter().enumerate().filter(|(_, arc)| **arc);
+                names.extend(bulges.map(|(i, _)| (format!("bulge{i}"), 1.0)));
+                names
+            }
+        }
+    }
+
+    /// How many pieces the outline has; 1 for lines, circles and ellipses.
+    #[must_use]
+    pub fn pieces(&self) -> usize {
+        match self {
+            Self::Line | Self::Circle | Self::Ellipse => 1,
+            Self::Rectangle | Self::Slot => 4,
+            Self::RoundedRectangle => 8,
+            Self::RegularPolygon(count) | Self::Polygon(count) => *count,
+            Self::Chain { arcs, .. } => arcs.len(),
+        }
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        !matches!(self, Self::Line | Self::Chain { closed: false, .. })
+    }
+
+    /// Vertex `i` of the outline; of no use for kinds of one piece.
+    pub(crate) fn vertex(&self, theta: &[f64], i: usize) -> [f64; 2] {
+        match self {
+            Self::Polygon(_) | Self::Chain { .. } => [theta[2 * i], theta[2 * i + 1]],
+            Self::RegularPolygon(sides) => {
+                let angle = theta[3] + std::f64::consts::TAU * i as f64 / *sides as f64;
+                [theta[0] + theta[2] * angle.cos(), theta[1] + theta[2] * angle.sin()]
+            }
+            _ => {
+                let corner = self.corner(i);
+                let local = [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
+                let (sin, cos) = theta[4].sin_cos();
+                [
+                    theta[0] + cos * local[0] - sin * local[1],
+                    theta[1] + sin * local[0] + cos * local[1],
+                ]
+            }
+        }
+    }
+
+    /// Adds `wᵀ ∂P_i/∂θ` to `out`.
+    pub(crate) fn add_vertex_derivative(&self, theta: &[f64], i: usize, w: [f64; 2], out: &mut [f64]) {
+        match self {
+            Self::Polygon(_) | Self::Chain { .. } => {
+                out[2 * i] += w[0];
+                out[2 * i + 1] += w[1];
+            }
+            Self::RegularPolygon(sides) => {
+                let angle = theta[3] + std::f64::consts::TAU * i as f64 / *sides as f64;
+                let (sin, cos) = angle.sin_cos();
+                out[0] += w[0];
+                out[1] += w[1];
+                out[2] += w[0] * cos + w[1] * sin;
+                out[3] += theta[2] * (w[1] * cos - w[0] * sin);
+            }
+            _ => {
+                let corner = self.corner(i);
+                let (sin, cos) = theta[4].sin_cos();
+                out[0] += w[0];
+                out[1] += w[1];
+                // w in the body's axes.
+                let body = [w[0] * cos + w[1] * sin, w[1] * cos - w[0] * sin];
+                let sizes = if matches!(self, Self::RoundedRectangle) { 3 } else { 2 };
+                let mut local = [0.0; 2];
+                for k in 0..sizes {
+                    let index = if k == 2 { 5 } else { 2 + k };
+                    for axis in 0..2 {
+                        out[index] += body[axis] * corner[axis][k];
+                        local[axis] += corner[axis][k] * theta[index];
+                    }
+                }
+                out[4] += body[1] * local[0] - body[0] * local[1];
+            }
+        }
+    }
+
+    /// `tan(θ/4)` of piece `i`, and which parameter it is.
+    pub(crate) fn bulge(&self, theta: &[f64], i: usize) -> (f64, Option<usize>) {
+        match self {
+            Self::Slot => (if i % 2 == 1 { 1.0 } else { 0.0 }, None),
+            Self::RoundedRectangle => (if i % 2 == 1 { QUARTER } else { 0.0 }, None),
+            Self::Chain { arcs, closed } if arcs[i] => {
+                let first = 2 * (arcs.len() + usize::from(!closed));
+                let index = first + arcs[..i].iter().filter(|&&arc| arc).count();
+                (theta[index], Some(index))
+            }
+            _ => (0.0, None),
+        }
+    }
+
+    fn size(&self, theta: &[f64], k: usize) -> f64 {
+        match k {
+            2 if matches!(self, Self::RoundedRectangle) => theta[5],
+            2 => 0.0,
+            _ => theta[2 + k],
+        }
+    }
+
+    /// Local coordinates of vertex `i` as multiples of width, height and corner radius.
+    fn corner(&self, i: usize) -> [[f64; 3]; 2] {
+        let h = 0.5;
+        match self {
+            Self::RoundedRectangle => {
+                // The two ends of the straight part of each side, from the bottom's left end.
+                const ENDS: [[[f64; 3]; 2]; 8] = [
+                    [[-0.5, 0.0, 1.0], [0.0, -0.5, 0.0]],
+                    [[0.5, 0.0, -1.0], [0.0, -0.5, 0.0]],
+                    [[0.5, 0.0, 0.0], [0.0, -0.5, 1.0]],
+                    [[0.5, 0.0, 0.0], [0.0, 0.5, -1.0]],
+                    [[0.5, 0.0, -1.0], [0.0, 0.5, 0.0]],
+                    [[-0.5, 0.0, 1.0], [0.0, 0.5, 0.0]],
+                    [[-0.5, 0.0, 0.0], [0.0, 0.5, -1.0]],
+                    [[-0.5, 0.0, 0.0], [0.0, -0.5, 1.0]],
+                ];
+                ENDS[i % 8]
+            }
+            Self::Slot => {
+                // ±(L − W)/2 along, ±W/2 across.
+                let (x, y) = [(-h, -h), (h, -h), (h, h), (-h, h)][i % 4];
+                [[x, -x, 0.0], [0.0, y, 0.0]]
+            }
+            _ => {
+                let (x, y) = [(-h, -h), (h, -h), (h, h), (-h, h)][i % 4];
+                [[x, 0.0, 0.0], [0.0, y, 0.0]]
+            }
+        }
+    }
+
+    /// The outline; of a circle or an ellipse as a polygon of 256 vertices on it, of a line `None`.
+    #[must_use]
+    pub fn outline(&self, theta: &[f64]) -> Option<Outline> {
+        let around = |point: &dyn Fn(f64) -> [f64; 2]| {
+            let count = 256;
+            let vertices = (0..count).map(|k| point(std::f64::consts::TAU * f64::from(k) / f64::from(count)));
+            Outline {
+                vertices: vertices.collect(),
+                bulges: vec![0.0; count as usize],
+                closed: true,
+            }
+        };
+        match self {
+            Self::Line => None,
+            Self::Circle => Some(around(&|t| {
+                [theta[0] + theta[2] * t.cos(), theta[1] + theta[2] * t.sin()]
+            })),
+            Self::Ellipse => {
+                let (sin, cos) = theta[4].sin_cos();
+                Some(around(&|t| {
+                    let (a, b) = (theta[2] * t.cos(), theta[3] * t.sin());
+                    [theta[0] + cos * a - sin * b, theta[1] + sin * a + cos * b]
+                }))
+            }
+            _ => {
+                let closed = self.is_closed();
+                let count = self.pieces() + usize::from(!closed);
+                Some(Outline {
+                    vertices: (0..count).map(|i| self.vertex(theta, i)).collect(),
+                    bulges: (0..self.pieces()).map(|i| self.bulge(theta, i).0).collect(),
+                    closed,
+                })
+            }
+        }
+    }
+
+    /// The same contour in the parameters that files have: axes in order of size, angles in their half or whole turn, a
+    /// polygon from its lowest-leftmost vertex. Also which parameter each was, and its sign.
+    #[must_use]
+    pub fn canonical(&self, theta: &[f64]) -> (Vec<f64>, Vec<(usize, f64)>) {
+        let mut value = theta.to_vec();
+        let mut from: Vec<(usize, f64)> = (0..theta.len()).map(|i| (i, 1.0)).collect();
+        let turn = |angle: f64, period: f64| {
+            let rest = angle.rem_euclid(period);
+            // A tiny negative angle is zero, not a half turn.
+            if period - rest < 1e-12 { 0.0 } else { rest }
+        };
+        match self {
+            Self::Line => {
+                if value[0].rem_euclid(std::f64::consts::TAU) >= std::f64::consts::PI {
+                    value[1] = -value[1];
+                    from[1].1 = -1.0;
+                }
+                value[0] = turn(value[0], std::f64::consts::PI);
+            }
+            Self::Circle => {}
+            Self::Ellipse | Self::Rectangle | Self::RoundedRectangle | Self::Slot => {
+                if value[2] < value[3] {
+                    value.swap(2, 3);
+                    from.swap(2, 3);
+                    value[4] += std::f64::consts::FRAC_PI_2;
+                }
+                value[4] = turn(value[4], std::f64::consts::PI);
+            }
+            Self::RegularPolygon(sides) => {
+                value[3] = turn(value[3], std::f64::consts::TAU / *sides as f64);
+            }
+            Self::Polygon(count) => {
+                let lowest = (0..*count).min_by(|&a, &b| {
+                    let key = |i: usize| (theta[2 * i + 1], theta[2 * i]);
+                    key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
+                });
+                let first = lowest.unwrap_or(0);
+                for i in 0..*count {
+                    for axis in 0..2 {
+                        let source = 2 * ((first + i) % count) + axis;
+                        value[2 * i + axis] = theta[source];
+                        from[2 * i + axis] = (source, 1.0);
+                    }
+                }
+            }
+            Self::Chain { .. } => {}
+        }
+        (value, from)
+    }
+
+    /// Whether the parameters mean a contour of this kind: sizes positive, corners that fit.
+    #[must_use]
+    pub fn is_valid(&self, theta: &[f64]) -> bool {
+        let finite = theta.iter().all(|value| value.is_finite());
+        finite
+            && match self {
+                Self::Line | Self::Polygon(_) | Self::Chain { .. } => true,
+                Self::Circle | Self::RegularPolygon(_) => theta[2] > 0.0,
+                Self::Ellipse | Self::Rectangle => theta[2] > 0.0 && theta[3] > 0.0,
+                Self::Slot => theta[3] > 0.0 && theta[2] > theta[3],
+                Self::RoundedRectangle => theta[5] > 0.0 && theta[2] > 2.0 * theta[5] && theta[3] > 2.0 * theta[5],
+            }
+    }
+}
+
+fn vertex_names(count: usize) -> Vec<(String, f64)> {
+    (0..count)
+        .flat_map(|i| [(format!("x{i}"), 1.0), (format!("y{i}"), 1.0)])
+        .collect()
+}

@@ -1,0 +1,59 @@
+//! Readings of several things told apart.
+
+use super::kind::Outline;
+use super::sighting::Sighting;
+use std::collections::BTreeMap;
+
+/// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
+///
+/// Largest group first. Points in a grid of cells of that size: cost about `n`.
+#[must_use]
+pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let cell = |p: [f64; 2]| p.map(|c| (c / gap).floor() as i64);
+    let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for (i, &p) in points.iter().enumerate() {
+        cells.entry(cell(p)).or_default().push(i);
+    }
+    let mut group = vec![usize::MAX; points.len()];
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for seed in 0..points.len() {
+        if group[seed] != usize::MAX {
+            continue;
+        }
+        let number = groups.len();
+        group[seed] = number;
+        let mut members = vec![seed];
+        let mut next = 0;
+        while next < members.len() {
+            let p = points[members[next]];
+            next += 1;
+            let [cx, cy] = cell(p);
+            for place in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
+            {
+                for &j in cells.get(&place).map_or(&[][..], Vec::as_slice) {
+                    let near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
+                    if near && group[j] == usize::MAX {
+                        group[j] = number;
+                        members.push(j);
+                    }
+                }
+            }
+        }
+        members.sort_unstable();
+        groups.push(members);
+    }
+    groups.sort_by_key(|members| std::cmp::Reverse(members.len()));
+    groups
+}
+
+/// Whether a point lies inside a closed outline, whose arcs count as their chords.
+#[must_use]
+pub fn contains(outline: &Outline, p: [f64; 2]) -> bool {
+    let count = outline.vertices.len();
+    let crossings = (0..count).filter(|&i| {
+        let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);
+        (a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+    });
+    outline.closed && crossings.count() % 2 == 1
+}

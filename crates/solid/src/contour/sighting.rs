@@ -1,0 +1,345 @@
+//! A reading of a contour as an implicit equation.
+
+use super::curve::{beyond, distance};
+use super::kind::Kind;
+use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE};
+
+/// What a sensor saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Target {
+    /// A range from a pose: the point is `origin + range (cos heading, sin heading)`.
+    Range {
+        /// Where the sensor was thought to be.
+        origin: [f64; 2],
+        /// Where it was thought to look, counter-clockwise from +x.
+        heading_rad: f64,
+        /// What it read.
+        range: f64,
+        /// σ of `x`, `y`, the heading (radians) and the range.
+        sigma: [f64; 4],
+    },
+    /// A point, as of an overhead sensor or the edge in a picture.
+    Point {
+        /// Where it is.
+        position: [f64; 2],
+        /// σ of both coordinates.
+        sigma: f64,
+    },
+}
+
+/// A reading, with what it shares with others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// What was seen.
+    pub target: Target,
+    /// Readings of one number were taken from one pose, and share its error; only ranges have one.
+    pub pose: Option<usize>,
+    /// Seconds, where the thing moves.
+    pub time_s: f64,
+    /// Line of the file it comes from, or its index.
+    pub line: usize,
+}
+
+impl Sighting {
+    /// The point that was seen, as measured.
+    #[must_use]
+    pub fn point(&self) -> [f64; 2] {
+        match self.target {
+            Target::Range {
+                origin,
+                heading_rad,
+                range,
+                ..
+            } => {
+                let (sin, cos) = heading_rad.sin_cos();
+                [origin[0] + range * cos, origin[1] + range * sin]
+            }
+            Target::Point { position, .. } => position,
+        }
+    }
+
+    /// Covariance `[xx, xy, yy]` of that point, to first order.
+    #[must_use]
+    pub fn covariance(&self) -> [f64; 3] {
+        match self.target {
+            Target::Range {
+                heading_rad,
+                range,
+                sigma,
+                ..
+            } => {
+                let (sin, cos) = heading_rad.sin_cos();
+                let along = sigma[3] * sigma[3];
+                let across = (range * sigma[2]).powi(2);
+                [
+                    sigma[0] * sigma[0] + along * cos * cos + across * sin * sin,
+                    (along - across) * sin * cos,
+                    sigma[1] * sigma[1] + along * sin * sin + across * cos * cos,
+                ]
+            }
+            Target::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
+        }
+    }
+}
+
+/// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the contour, which is
+/// that of time zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motion {
+    /// It stands still.
+    Still,
+    /// `vx vy`, in lengths a second.
+    Linear,
+    /// `vx vy ω`, ω in radians a second.
+    Rigid,
+}
+
+impl Motion {
+    /// How many unknowns it adds.
+    #[must_use]
+    pub fn unknowns(self) -> usize {
+        match self {
+            Self::Still => 0,
+            Self::Linear => 2,
+            Self::Rigid => 3,
+        }
+    }
+}
+
+/// How the pieces of a contour become one equation (paper D eq. 2.2 and 2.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// The distance to the piece that explains the reading best.
+    ActiveFacet,
+    /// The product of the distances to all pieces. Its gradient vanishes at corners: the variance of the second order bounds
+    /// the weight there.
+    Product,
+}
+
+/// What all readings of one fit have in common.
+#[derive(Debug, Clone)]
+pub(crate) struct Setting {
+    pub(crate) kind: Kind,
+    pub(crate) form: Form,
+    pub(crate) motion: Motion,
+    /// The fixed pivot of the rotation, and the time of the contour.
+    pub(crate) pivot: [f64; 2],
+    pub(crate) time_s: f64,
+    /// Whether ranges have the error of their pose behind the state, and not in their own noise.
+    pub(crate) shared_poses: bool,
+}
+
+impl Setting {
+    pub(crate) fn unknowns(&self) -> usize {
+        self.kind.parameters() + self.motion.unknowns()
+    }
+}
+
+/// A sighting against a contour.
+pub(crate) struct ContourReading<'a> {
+    pub(crate) setting: &'a Setting,
+    pub(crate) sighting: &'a Sighting,
+}
+
+/// A point with its derivatives by noise, and by shared pose errors.
+struct Place {
+    point: [f64; 2],
+    by_noise: [[f64; 2]; 4],
+    by_pose: [[f64; 2]; 3],
+}
+
+impl ContourReading<'_> {
+    fn place(&self, x: &[f64], u: &[f64]) -> Place {
+        let mut place = Place {
+            point: [0.0; 2],
+            by_noise: [[0.0; 2]; 4],
+            by_pose: [[0.0; 2]; 3],
+        };
+        match self.sighting.target {
+            Target::Point { position, sigma } => {
+                place.point = [position[0] - sigma * u[0], position[1] - sigma * u[1]];
+                place.by_noise[0] = [-sigma, 0.0];
+                place.by_noise[1] = [0.0, -sigma];
+            }
+            Target::Range {
+                origin,
+                heading_rad,
+                range,
+                sigma,
+            } => {
+                let shared = self.setting.shared_poses;
+                let (pose, own) = if shared {
+                    (&x[x.len() - 3..], u[0])
+                } else {
+                    (&u[..3], u[3])
+                };
+                let (sin, cos) = (heading_rad - sigma[2] * pose[2]).sin_cos();
+                let length = range - sigma[3] * own;
+                place.point = [
+                    origin[0] - sigma[0] * pose[0] + length * cos,
+                    origin[1] - sigma[1] * pose[1] + length * sin,
+                ];
+                let by_pose = [
+                    [-sigma[0], 0.0],
+                    [0.0, -sigma[1]],
+                    [sigma[2] * length * sin, -sigma[2] * length * cos],
+                ];
+                let by_own = [-sigma[3] * cos, -sigma[3] * sin];
+                if shared {
+                    place.by_pose = by_pose;
+                    place.by_noise[0] = by_own;
+                } else {
+                    place.by_noise[..3].copy_from_slice(&by_pose);
+                    place.by_noise[3] = by_own;
+                }
+            }
+        }
+        place
+    }
+
+    /// Carries a point back to where the thing was at time zero: the point, its rotation (cos, sin), and the time between.
+    fn carried_back(&self, x: &[f64], p: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
+        let k = self.setting.kind.parameters();
+        let pivot = self.setting.pivot;
+        let time = self.sighting.time_s - self.setting.time_s;
+        let moved = match self.setting.motion {
+            Motion::Still => return (p, [1.0, 0.0], 0.0),
+            _ => [p[0] - pivot[0] - time * x[k], p[1] - pivot[1] - time * x[k + 1]],
+        };
+        let (sin, cos) = match self.setting.motion {
+            Motion::Rigid => (-time * x[k + 2]).sin_cos(),
+            _ => (0.0, 1.0),
+        };
+        (
+            [
+                pivot[0] + cos * moved[0] - sin * moved[1],
+                pivot[1] + sin * moved[0] + cos * moved[1],
+            ],
+            [cos, sin],
+            time,
+        )
+    }
+
+    /// `g` of a body point with `∂g/∂p`; `∂g/∂θ` into `by_theta`.
+    fn contour(&self, branch: usize, theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> (f64, [f64; 2]) {
+        let kind = &self.setting.kind;
+        if self.setting.form == Form::ActiveFacet || kind.pieces() == 1 {
+            let at = distance(kind, theta, branch, p, by_theta);
+            return (at.value, at.by_point);
+        }
+        let mut values = [0.0; MOST_STATE];
+        let mut slopes = [[0.0; 2]; MOST_STATE];
+        let mut piece_theta = [0.0; MOST_STATE];
+        let count = kind.pieces().min(MOST_STATE);
+        let k = theta.len();
+        for (i, (value, slope)) in values.iter_mut().zip(&mut slopes).take(count).enumerate() {
+            let at = distance(kind, theta, i, p, &mut piece_theta[..k]);
+            (*value, *slope) = (at.value, at.by_point);
+        }
+        by_theta.fill(0.0);
+        let (mut product, mut by_point) = (1.0, [0.0; 2]);
+        for i in 0..count {
+            product *= values[i];
+            let others: f64 = (0..count).filter(|&j| j != i).map(|j| values[j]).product();
+            distance(kind, theta, i, p, &mut piece_theta[..k]);
+            for (out, value) in by_theta.iter_mut().zip(&piece_theta[..k]) {
+                *out += others * value;
+            }
+            by_point[0] += others * slopes[i][0];
+            by_point[1] += others * slopes[i][1];
+        }
+        (product, by_point)
+    }
+}
+
+impl ImplicitReading for ContourReading<'_> {
+    fn state(&self) -> usize {
+        self.setting.unknowns() + if self.setting.shared_poses { 3 } else { 0 }
+    }
+
+    fn noise(&self) -> usize {
+        match self.sighting.target {
+            Target::Point { .. } => 2,
+            Target::Range { .. } if self.setting.shared_poses => 1,
+            Target::Range { .. } => 4,
+        }
+    }
+
+    fn branches(&self) -> usize {
+        match self.setting.form {
+            Form::ActiveFacet => self.setting.kind.pieces(),
+            Form::Product => 1,
+        }
+    }
+
+    fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
+        let k = self.setting.kind.parameters();
+        let place = self.place(x, u);
+        let (p, [cos, sin], time) = self.carried_back(x, place.point);
+        by_state.fill(0.0);
+        let (value, by_body) = self.contour(branch, &x[..k], p, &mut by_state[..k]);
+        // From the body's frame at time zero to the world.
+        let by_point = [cos * by_body[0] + sin * by_body[1], cos * by_body[1] - sin * by_body[0]];
+        let dot = |d: [f64; 2]| by_point[0] * d[0] + by_point[1] * d[1];
+        if self.setting.motion != Motion::Still {
+            by_state[k] = -time * by_point[0];
+            by_state[k + 1] = -time * by_point[1];
+        }
+        if self.setting.motion == Motion::Rigid {
+            let arm = [p[0] - self.setting.pivot[0], p[1] - self.setting.pivot[1]];
+            by_state[k + 2] = -time * (by_body[1] * arm[0] - by_body[0] * arm[1]);
+        }
+        for (out, column) in by_noise.iter_mut().zip(place.by_noise) {
+            *out = dot(column);
+        }
+        if self.setting.shared_poses {
+            let first = x.len() - 3;
+            for (j, column) in place.by_pose.into_iter().enumerate() {
+                by_state[first + j] = dot(column);
+            }
+        }
+        value
+    }
+
+    fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        let k = self.setting.kind.parameters();
+        let (p, [cos, sin], _) = self.carried_back(x, self.place(x, u).point);
+        let length = beyond(&self.setting.kind, &x[..k], branch, p);
+        if length <= 0.0 {
+            return 0.0;
+        }
+        // The variance along the piece of a point that is held to it: det C / nᵀCn.
+        let [xx, xy, yy] = self.sighting.covariance();
+        let mut by_theta = [0.0; MOST_STATE];
+        let n = distance(&self.setting.kind, &x[..k], branch, p, &mut by_theta[..k]).by_point;
+        let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
+        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
+        let determinant = xx * yy - xy * xy;
+        length * length * across / determinant.max(f64::MIN_POSITIVE)
+    }
+
+    fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 {
+            return 0.0;
+        }
+        // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.
+        let (n, p) = (x.len(), u.len());
+        let mut by_state = [0.0; MOST_STATE];
+        let mut place = [0.0; MOST_NOISE];
+        place[..p].copy_from_slice(u);
+        let spacing = 0.05;
+        let mut sum = 0.0;
+        for j in 0..p {
+            let mut sides = [[0.0; MOST_NOISE]; 2];
+            for (side, sign) in sides.iter_mut().zip([1.0, -1.0]) {
+                place[j] = u[j] + sign * spacing;
+                self.gradient(branch, x, &place[..p], &mut by_state[..n], &mut side[..p]);
+            }
+            place[j] = u[j];
+            for i in 0..p {
+                sum += ((sides[0][i] - sides[1][i]) / (2.0 * spacing)).powi(2);
+            }
+        }
+        0.5 * sum
+    }
+}

@@ -1,0 +1,267 @@
+//! Readings of contours that are known exactly.
+
+use super::curve::{arc_circle, beyond, ends};
+use super::kind::Kind;
+use super::sighting::{Motion, Sighting, Target};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// How contours are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorOptions {
+    /// Distance of the sensor from the middle of the contour.
+    pub standoff: f64,
+    /// σ of `x`, `y`, the heading (radians) and the range; the last is the share of the range that `sigma_range_share` adds.
+    pub sigma: [f64; 4],
+    /// σ of the range as a share of it, added to the other in quadrature.
+    pub sigma_range_share: f64,
+    /// Readings from one pose.
+    pub sweep: usize,
+    /// Share of readings that are anywhere between half and twice of what they should be.
+    pub outlier_share: f64,
+    /// Velocity of the thing: `vx vy ω`, about the origin; readings are `1/rate` seconds apart.
+    pub velocity: [f64; 3],
+    /// Readings a second.
+    pub rate_hz: f64,
+}
+
+/// Readings with and without errors: the latter state the same σ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedReadings {
+    /// As a sensor gives them.
+    pub noisy: Vec<Sighting>,
+    /// As they should be.
+    pub exact: Vec<Sighting>,
+}
+
+/// Ranges to a closed contour from all around, at directions that follow one another, in an order that does not.
+///
+/// Each ray aims at a place drawn evenly from the contour's outline, from within 25° of the direction in which that place
+/// lies from `middle`; what it meets first is read. The same seed gives the same readings. Rays that meet nothing are drawn
+/// anew, at most a hundred times each.
+#[must_use]
+pub fn ranges(
+    kind: &Kind,
+    theta: &[f64],
+    middle: [f64; 2],
+    count: usize,
+    options: &SensorOptions,
+    seed: u64,
+) -> SimulatedReadings {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let Some(outline) = kind.outline(theta) else {
+        return SimulatedReadings {
+            noisy: Vec::new(),
+            exact: Vec::new(),
+        };
+    };
+    let places = along(kind, theta, &outline.vertices);
+    let mut made = SimulatedReadings {
+        noisy: Vec::with_capacity(count),
+        exact: Vec::with_capacity(count),
+    };
+    let mut pose = 0;
+    while made.exact.len() < count {
+        let aim = places[random.random_range(0..places.len())];
+        let towards = (aim[1] - middle[1]).atan2(aim[0] - middle[0]) + random.random_range(-0.44..0.44);
+        let origin = [
+            middle[0] + options.standoff * towards.cos(),
+            middle[1] + options.standoff * towards.sin(),
+        ];
+        let errors: [f64; 3] = [0; 3].map(|_: i32| random.sample(StandardNormal));
+        let heading = (aim[1] - origin[1]).atan2(aim[0] - origin[0]);
+        let beams = options.sweep.max(1).min(count - made.exact.len());
+        for beam in 0..beams {
+            let fan = if beams > 1 {
+                0.35 * (beam as f64 / (beams - 1) as f64 - 0.5)
+            } else {
+                0.0
+            };
+            let heading = heading + fan;
+            let time = made.exact.len() as f64 / options.rate_hz;
+            // In the frame of the thing, which stands still there.
+            let turn = -options.velocity[2] * time;
+            let (sin, cos) = turn.sin_cos();
+            let shifted = [
+                origin[0] - time * options.velocity[0],
+                origin[1] - time * options.velocity[1],
+            ];
+            let from = [cos * shifted[0] - sin * shifted[1], sin * shifted[0] + cos * shifted[1]];
+            let Some(range) = first_hit(kind, theta, from, heading + turn) else {
+                continue;
+            };
+            let along = (options.sigma[3].powi(2) + (options.sigma_range_share * range).powi(2)).sqrt();
+            let sigma = [options.sigma[0], options.sigma[1], options.sigma[2], along];
+            let exact = Sighting {
+                target: Target::Range {
+                    origin,
+                    heading_rad: heading,
+                    range,
+                    sigma,
+                },
+                pose: (options.sweep > 1).then_some(pose),
+                time_s: time,
+                line: made.exact.len() + 2,
+            };
+            let wild = random.random::<f64>() < options.outlier_share;
+            let error: f64 = random.sample(StandardNormal);
+            let read = if wild {
+                range * random.random_range(0.5..2.0)
+            } else {
+                range + sigma[3] * error
+            };
+            made.noisy.push(Sighting {
+                target: Target::Range {
+                    origin: [origin[0] + sigma[0] * errors[0], origin[1] + sigma[1] * errors[1]],
+                    heading_rad: heading + sigma[2] * errors[2],
+                    range: read,
+                    sigma,
+                },
+                ..exact
+            });
+            made.exact.push(exact);
+        }
+        pose += 1;
+    }
+    made
+}
+
+/// Points on the outline with errors of σ in both coordinates, drawn evenly from its length.
+#[must_use]
+pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -> SimulatedReadings {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let Some(outline) = kind.outline(theta) else {
+        return SimulatedReadings {
+            noisy: Vec::new(),
+            exact: Vec::new(),
+        };
+    };
+    let places = along(kind, theta, &outline.vertices);
+    let mut made = SimulatedReadings {
+        noisy: Vec::with_capacity(count),
+        exact: Vec::with_capacity(count),
+    };
+    for line in 0..count {
+        let position = places[random.random_range(0..places.len())];
+        let sighting = |position| Sighting {
+            target: Target::Point { position, sigma },
+            pose: None,
+            time_s: 0.0,
+            line: line + 2,
+        };
+        made.exact.push(sighting(position));
+        let noise = [0; 2].map(|_: i32| sigma * random.sample::<f64, _>(StandardNormal));
+        made.noisy
+            .push(sighting([position[0] + noise[0], position[1] + noise[1]]));
+    }
+    made
+}
+
+/// Places spread evenly over the outline, a few thousand.
+fn along(kind: &Kind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let smooth = kind.pieces() == 1;
+    let count = vertices.len();
+    let bulge = |i: usize| if smooth { 0.0 } else { kind.bulge(theta, i).0 };
+    let last = if kind.is_closed() { count } else { count - 1 };
+    let lengths: Vec<f64> = (0..last)
+        .map(|i| {
+            let (a, b) = (vertices[i], vertices[(i + 1) % count]);
+            let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
+            match bulge(i) {
+                0.0 => chord,
+                b => arc_circle(a, vertices[(i + 1) % count], b).1 * 4.0 * b.abs().atan(),
+            }
+        })
+        .collect();
+    let total: f64 = lengths.iter().sum();
+    let mut places = Vec::new();
+    for i in 0..last {
+        let (a, b) = (vertices[i], vertices[(i + 1) % count]);
+        let steps = (4000.0 * lengths[i] / total).ceil() as usize;
+        for k in 0..steps {
+            let t = (k as f64 + 0.5) / steps as f64;
+            places.push(match bulge(i) {
+                0.0 => [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])],
+                bulge => {
+                    let (c, _) = arc_circle(a, b, bulge);
+                    let (sin, cos) = (4.0 * bulge.atan() * t).sin_cos();
+                    let d = [a[0] - c[0], a[1] - c[1]];
+                    [c[0] + cos * d[0] - sin * d[1], c[1] + sin * d[0] + cos * d[1]]
+                }
+            });
+        }
+    }
+    places
+}
+
+/// The distance along a ray at which it first meets the contour.
+pub(crate) fn first_hit(kind: &Kind, theta: &[f64], from: [f64; 2], heading: f64) -> Option<f64> {
+    let (sin, cos) = heading.sin_cos();
+    let circle = |center: [f64; 2], radius: f64| {
+        let d = [from[0] - center[0], from[1] - center[1]];
+        quadratic(
+            1.0,
+            cos * d[0] + sin * d[1],
+            d[0] * d[0] + d[1] * d[1] - radius * radius,
+        )
+    };
+    let hits: Vec<f64> = match kind {
+        Kind::Line => Vec::new(),
+        Kind::Circle => circle([theta[0], theta[1]], theta[2]),
+        Kind::Ellipse => {
+            let (s, c) = theta[4].sin_cos();
+            let local = |v: [f64; 2]| [(c * v[0] + s * v[1]) / theta[2], (c * v[1] - s * v[0]) / theta[3]];
+            let (d, e) = (local([from[0] - theta[0], from[1] - theta[1]]), local([cos, sin]));
+            quadratic(
+                e[0] * e[0] + e[1] * e[1],
+                d[0] * e[0] + d[1] * e[1],
+                d[0] * d[0] + d[1] * d[1] - 1.0,
+            )
+        }
+        _ => (0..kind.pieces())
+            .flat_map(|i| {
+                let (from_vertex, to_vertex) = ends(kind, i);
+                let (a, b) = (kind.vertex(theta, from_vertex), kind.vertex(theta, to_vertex));
+                let bulge = kind.bulge(theta, i).0;
+                let found = if bulge == 0.0 {
+                    let e = [b[0] - a[0], b[1] - a[1]];
+                    let cross = cos * e[1] - sin * e[0];
+                    let d = [a[0] - from[0], a[1] - from[1]];
+                    vec![(d[0] * e[1] - d[1] * e[0]) / cross]
+                } else {
+                    let (center, radius) = arc_circle(a, b, bulge);
+                    circle(center, radius)
+                };
+                let size = (b[0] - a[0]).hypot(b[1] - a[1]);
+                found.into_iter().filter(move |t| {
+                    let p = [from[0] + t * cos, from[1] + t * sin];
+                    beyond(kind, theta, i, p) <= 1e-9 * size
+                })
+            })
+            .collect(),
+    };
+    hits.into_iter().filter(|t| *t > 0.0).min_by(f64::total_cmp)
+}
+
+/// Roots of `a t² + 2 b t + c`.
+fn quadratic(a: f64, b: f64, c: f64) -> Vec<f64> {
+    let discriminant = b * b - a * c;
+    if discriminant < 0.0 {
+        return Vec::new();
+    }
+    let root = discriminant.sqrt();
+    vec![(-b - root) / a, (-b + root) / a]
+}
+
+impl SensorOptions {
+    /// The motion that a fit of these readings needs.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        match self.velocity {
+            [0.0, 0.0, 0.0] => Motion::Still,
+            [_, _, 0.0] => Motion::Linear,
+            _ => Motion::Rigid,
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! Laws of contours: derivatives, and that what is simulated is found within its covariance.
+
+use super::sighting::{ContourReading, Setting};
+use super::*;
+use nalgebra::DVector;
+use planish_estimate::implicit::ImplicitReading;
+use planish_estimate::{ChiSquareMean, normalized_squared};
+
+const SENSOR: SensorOptions = SensorOptions {
+    standoff: 3.0,
+    sigma: [0.006, 0.006, 0.0105, 0.0],
+    sigma_range_share: 0.003,
+    sweep: 1,
+    outlier_share: 0.0,
+    velocity: [0.0; 3],
+    rate_hz: 100.0,
+};
+
+fn examples() -> Vec<(Kind, Vec<f64>)> {
+    let chain = Kind::Chain {
+        arcs: vec![false, true, false, true],
+        closed: true,
+    };
+    vec![
+        (Kind::Line, vec![0.4, 0.3]),
+        (Kind::Circle, vec![0.1, -0.2, 1.0]),
+        (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+        (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
+        (Kind::RoundedRectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5, 0.25]),
+        (Kind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
+        (Kind::RegularPolygon(5), vec![0.1, -0.2, 1.0, 0.3]),
+        (Kind::Polygon(4), vec![-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
+        (chain, vec![-0.8, -0.5, 0.8, -0.5, 0.8, 0.5, -0.8, 0.5, 0.7, -0.3]),
+    ]
+}
+
+#[test]
+fn derivatives_are_those_of_differences() {
+    let sighting = Sighting {
+        target: Target::Range {
+            origin: [3.0, 1.0],
+            heading_rad: 3.3,
+            range: 2.2,
+            sigma: [0.02, 0.03, 0.04, 0.05],
+        },
+        pose: None,
+        time_s: 0.7,
+        line: 1,
+    };
+    for (kind, theta) in examples() {
+        for (form, shared_poses) in [
+            (Form::ActiveFacet, false),
+            (Form::ActiveFacet, true),
+            (Form::Product, false),
+        ] {
+            let setting = Setting {
+                kind: kind.clone(),
+                form,
+                motion: Motion::Rigid,
+                pivot: [0.2, 0.1],
+                time_s: 0.0,
+                shared_poses,
+            };
+            let reading = ContourReading {
+                setting: &setting,
+                sighting: &sighting,
+            };
+            let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
+            if shared_poses {
+                x.extend([0.5, -0.3, 0.2]);
+            }
+            let u = vec![0.3; reading.noise()];
+            for branch in 0..reading.branches() {
+                check(&reading, branch, &x, &u, &format!("{kind} {form:?} {branch}"));
+            }
+        }
+    }
+}
+
+fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
+    let value = |x: &[f64], u: &[f64]| {
+        let (mut h, mut d) = (vec![0.0; x.len()], vec![0.0; u.len()]);
+        let g = reading.gradient(branch, x, u, &mut h, &mut d);
+        (g, h, d)
+    };
+    let (_, by_state, by_noise) = value(x, u);
+    let step = 1e-5;
+    for k in 0..x.len() + u.len() {
+        let moved = |sign: f64| {
+            let (mut x, mut u) = (x.to_vec(), u.to_vec());
+            if k < x.len() {
+                x[k] += sign * step
+            } else {
+                u[k - x.len()] += sign * step
+            }
+            value(&x, &u).0
+        };
+        let difference = (moved(1.0) - moved(-1.0)) / (2.0 * step);
+        let stated = if k < x.len() {
+            by_state[k]
+        } else {
+            by_noise[k - x.len()]
+        };
+        assert!(
+            (difference - stated).abs() < 1e-6 * (1.0 + stated.abs()),
+            "{name}, {k}: {stated} for {difference}"
+        );
+    }
+}
+
+/// The mean NEES over its dimension, of seeded runs.
+fn consistency(
+    kind: &Kind,
+    theta: &[f64],
+    sensor: &SensorOptions,
+    options: &FitOptions,
+    extra: &[f64],
+) -> ChiSquareMean {
+    let truth = DVector::from_vec([theta, extra].concat());
+    let mut nees = ChiSquareMean::new(truth.len() as f64).expect("degrees");
+    for run in 0..25 {
+        let made = ranges(kind, theta, [theta[0], theta[1]], 150, sensor, run);
+        let found = fit(kind, &made.noisy, options).expect("a fit");
+        let (mut state, mut from) = kind.canonical(&found.state.as_slice()[..theta.len()]);
+        state.extend(found.state.iter().skip(theta.len()));
+        from.extend((theta.len()..found.state.len()).map(|k| (k, 1.0)));
+        let mut off = DVector::from_vec(state) - &truth;
+        if kind.parameters() == 5 {
+            off[4] -= std::f64::consts::PI * (off[4] / std::f64::consts::PI).round();
+        }
+        let n = truth.len();
+        let covariance = nalgebra::DMatrix::from_fn(n, n, |i, j| found.covariance[(from[i].0, from[j].0)]);
+        let value = normalized_squared(&off, &covariance).expect("a value");
+        nees.add(value).expect("finite");
+    }
+    nees
+}
+
+#[test]
+fn what_was_simulated_is_found_within_its_covariance() {
+    for method in [Method::Batch, Method::NoiseUpdated] {
+        let options = FitOptions {
+            method,
+            gate: None,
+            ..FitOptions::default()
+        };
+        for (kind, theta) in [
+            (Kind::Circle, vec![0.1, -0.2, 1.0]),
+            (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+            (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
+        ] {
+            let nees = consistency(&kind, &theta, &SENSOR, &options, &[]);
+            assert!(
+                (0.6..1.5).contains(&nees.reduced()),
+                "{kind} {method:?}: {}",
+                nees.reduced()
+            );
+        }
+    }
+}
+
+#[test]
+fn a_sweep_shares_the_error_of_its_pose() {
+    let sensor = SensorOptions { sweep: 10, ..SENSOR };
+    for method in [Method::Batch, Method::NoiseUpdated] {
+        let options = FitOptions {
+            method,
+            gate: None,
+            ..FitOptions::default()
+        };
+        let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[]);
+        assert!((0.5..1.6).contains(&nees.reduced()), "{method:?}: {}", nees.reduced());
+    }
+}
+
+#[test]
+fn a_moving_thing_is_found_with_its_velocity() {
+    let sensor = SensorOptions {
+        velocity: [0.2, -0.1, 0.0],
+        ..SENSOR
+    };
+    let options = FitOptions {
+        motion: Motion::Linear,
+        gate: None,
+        ..FitOptions::default()
+    };
+    // The contour's time is that of the first reading, which is zero.
+    let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[0.2, -0.1]);
+    assert!((0.5..1.6).contains(&nees.reduced()), "{}", nees.reduced());
+}
+
+#[test]
+fn kinds_are_told_apart_where_the_noise_allows() {
+    for (kind, theta) in [
+        (Kind::Circle, vec![0.1, -0.2, 1.0]),
+        (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+        (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.0, 0.5]),
+        (Kind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
+    ] {
+        let made = ranges(&kind, &theta, [0.1, -0.2], 200, &SENSOR, 4);
+        let choice = choose(&auto_kinds(), false, &made.noisy, &FitOptions::default()).expect("a choice");
+        assert_eq!(choice.fit.kind, kind, "{:?}", choice.alternatives);
+    }
+}
+
+#[test]
+fn parts_and_holes_are_told_apart() {
+    let (outer, inner) = (vec![0.0, 0.0, 2.0, 1.6, 0.3], vec![0.0, 0.0, 0.3]);
+    let mut all = points(&Kind::Rectangle, &outer, 400, 0.01, 1).noisy;
+    all.extend(points(&Kind::Circle, &inner, 100, 0.01, 2).noisy);
+    let groups = separate(&all, 0.2);
+    assert_eq!(groups.iter().map(Vec::len).collect::<Vec<_>>(), [400, 100]);
+    let outline = Kind::Rectangle.outline(&outer).expect("an outline");
+    let hole = Kind::Circle.outline(&inner).expect("an outline");
+    assert!(hole.vertices.iter().all(|&v| contains(&outline, v)));
+    assert!(!contains(&hole, outline.vertices[0]));
+}
+
+#[test]
+fn wild_readings_are_left_out() {
+    let sensor = SensorOptions {
+        outlier_share: 0.15,
+        ..SENSOR
+    };
+    let made = ranges(&Kind::Circle, &[0.1, -0.2, 1.0], [0.1, -0.2], 200, &sensor, 9);
+    let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
+    let off = found.state - DVector::from_column_slice(&[0.1, -0.2, 1.0]);
+    assert!(normalized_squared(&off, &found.covariance).expect("a value") < 16.0);
+    let left_out = found.used.iter().filter(|used| !**used).count();
+    assert!((15..=45).contains(&left_out), "{left_out}");
+}
