@@ -1,5 +1,21 @@
-//! Solids from their orthographic views.
+//! Every solid that two or three orthographic views can mean.
+//!
+//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
+//! best first, and the lines that none of them explains.
+//!
+//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
+//! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
+//! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
+//! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
+//!    Smooth (tangent) edges are no edges here, as in drafting.
+//! 5. `boundary`: the faces of what is solid, as large as they can be.
+//!
+//! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
+//!
+//! # References
+//! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
+mod boundary;
 mod cells;
 mod column;
 mod drawing;
@@ -7,38 +23,117 @@ mod plan;
 mod profile;
 mod search;
 mod sight;
+mod surfaces;
 
+use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, DrawnCurve, Drawing, LineStyle, View, ViewKind};
+use planish_estimate::{Error, Result};
 
-/// Debug
-pub fn debug_solve(drawing: &Drawing) -> String {
-    let t0 = std::time::Instant::now();
-    let plan = plan::Plan::of(drawing);
-    let cells = match cells::Cells::of(&plan) { Ok(c) => c, Err(e) => return e.to_string() };
-    let t1 = t0.elapsed().as_secs_f64();
-    let looks = sight::Looks::at(&cells, drawing);
-    let t2 = t0.elapsed().as_secs_f64();
-    let found = search::search(&cells, &looks, 64);
-    let t3 = t0.elapsed().as_secs_f64();
-    let mut s = format!("grid {:?} atoms {} looks {} vars {} solutions {} complete {} unexplained {} t {:.3} {:.3} {:.3}", [0,1,2].map(|a| plan.grid[a].len()), cells.atoms(), looks.looks.len(), found.assignments.first().map_or(0, |a| a.len()), found.assignments.len(), found.complete, found.unexplained.len(), t1, t2-t1, t3-t2);
-    for a in &found.assignments { s += &format!("\n  vol {:.6}", volume_estimate(&cells, a)); }
-    for (st, p) in &found.unexplained { s += &format!("\n   {:?} {} {:?} {}", st, drawing.views[p.view].kind.name(), p.at, p.curve.map_or("-", |c| &drawing.views[p.view].curves[c].entity)); }
-    s
+/// Solids are made of so many assignments at most.
+pub const MOST_SOLUTIONS: usize = 32;
+
+/// A solid that the views can mean.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// The solid.
+    pub solid: Solid,
+    /// What it measures.
+    pub measures: Measures,
+    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
+    pub cost: f64,
 }
 
-fn volume_estimate(cells: &cells::Cells, a: &search::Assignment) -> f64 {
-    let g = &cells.plan.grid;
-    let mut v = 0.0;
-    for i in 0..g[0].len()-1 { for j in 0..g[1].len()-1 { for k in 0..g[2].len()-1 {
-        let plain = (0..cells.plan.views.len()).all(|w| cells::pieces_in(cells.plan, w, [i,j,k]).is_empty());
-        let n = if plain {1} else {12};
-        let d = [g[0][i+1]-g[0][i], g[1][j+1]-g[1][j], g[2][k+1]-g[2][k]];
-        let mut c = 0;
-        for x in 0..n { for y in 0..n { for z in 0..n {
-            let p = [g[0][i]+d[0]*(x as f64+0.5)/n as f64, g[1][j]+d[1]*(y as f64+0.5)/n as f64, g[2][k]+d[2]*(z as f64+0.5)/n as f64];
-            if a.get(&cells.at_in([i,j,k], p)).copied().unwrap_or(false) { c += 1; }
-        }}}
-        v += c as f64 / (n*n*n) as f64 * d[0]*d[1]*d[2];
-    }}}
-    v
+/// A line that no solid explains.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unexplained {
+    /// The view.
+    pub view: ViewKind,
+    /// The entity; none where a line is missing.
+    pub entity: Option<String>,
+    /// What is wrong, and where.
+    pub why: String,
+}
+
+/// What a drawing can mean.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Solutions {
+    /// Solids, best first.
+    pub solutions: Vec<Solution>,
+    /// Whether there are no others.
+    pub complete: bool,
+    /// Lines that none of them explains.
+    pub unexplained: Vec<Unexplained>,
+    /// Why assignments of cells gave no solid.
+    pub rejected: Vec<String>,
+}
+
+/// Finds every solid whose views are the drawing.
+///
+/// # Errors
+/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where no solid
+/// was found, naming lines that none explains.
+pub fn solve(drawing: &Drawing) -> Result<Solutions> {
+    check(drawing)?;
+    let plan = plan::Plan::of(drawing);
+    let cells = cells::Cells::of(&plan)?;
+    let looks = sight::Looks::at(&cells, drawing);
+    let found = search::search(&cells, &looks, MOST_SOLUTIONS);
+    let mut solutions = Solutions {
+        complete: found.complete,
+        ..Solutions::default()
+    };
+    for (style, place) in &found.unexplained {
+        let view = &drawing.views[place.view];
+        let what = match style {
+            Some(LineStyle::Visible) => "no solid shows a visible line",
+            Some(LineStyle::Hidden) => "no solid shows a hidden line",
+            None => "every solid shows a line, and none is drawn,",
+        };
+        solutions.unexplained.push(Unexplained {
+            view: view.kind,
+            entity: place.curve.map(|c| view.curves[c].entity.clone()),
+            why: format!("{what} at {:.4} {:.4}", place.at[0], place.at[1]),
+        });
+    }
+    for assignment in &found.assignments {
+        match solution(&cells, assignment) {
+            Ok(solution) => solutions.solutions.push(solution),
+            Err(e) => solutions.rejected.push(e.to_string()),
+        }
+    }
+    solutions.solutions.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    if solutions.solutions.is_empty() {
+        let first = solutions.unexplained.first().map(|u| {
+            let entity = u.entity.as_deref().unwrap_or("a missing line");
+            format!("{} view, {entity}: {}", u.view.name(), u.why)
+        });
+        let why = first.or(solutions.rejected.first().cloned()).unwrap_or_default();
+        return Err(Error::undetermined(format!("no solid has these views: {why}")));
+    }
+    Ok(solutions)
+}
+
+fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {
+    let solid = boundary::boundary(cells, assignment)?;
+    solid.check(1e-5 * cells.plan.size)?;
+    let measures = solid.measures();
+    let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
+    Ok(Solution {
+        cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,
+        solid,
+        measures,
+    })
+}
+
+fn check(drawing: &Drawing) -> Result<()> {
+    if drawing.views.len() < 2 {
+        return Err(Error::input(format!(
+            "needed two or three views, found {}: one view leaves the third dimension open",
+            drawing.views.len()
+        )));
+    }
+    match drawing.views.iter().find(|v| v.curves.is_empty()) {
+        Some(view) => Err(Error::input(format!("the {} view: needed lines, found none", view.kind.name()))),
+        None => Ok(()),
+    }
 }

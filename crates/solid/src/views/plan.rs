@@ -235,13 +235,13 @@ impl Plan {
                 match way {
                     Along::Grid { axis, at } => on_grid.push((axis, at, run)),
                     Along::Other => {
-                        if !lies_on_any(&carriers, &curve, 2e-5 * size) {
+                        if !overlay(&mut carriers, &curve, run, 2e-5 * size) {
                             others.push(index);
                         }
                     }
                     Along::Profile(profile) => {
                         let is_line = matches!(profile, Profile::Line { .. });
-                        if is_line && lies_on_any(&carriers, &curve, 2e-5 * size) {
+                        if is_line && overlay(&mut carriers, &curve, run, 2e-5 * size) {
                             continue;
                         }
                         let runs = if is_line { vec![run] } else { unwrap_angles(run) };
@@ -279,15 +279,26 @@ impl Plan {
     }
 }
 
-fn lies_on_any(carriers: &[Carrier], curve: &Curve2, tolerance: f64) -> bool {
+/// Takes a curve that lies on a circle for a run of it; says whether it does.
+fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -> bool {
     let mut points = curve.points();
     if let Curve2::Segment(a, b) = curve {
-        points.push([(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0]);
+        points = vec![*a, [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], *b];
     }
-    carriers
-        .iter()
-        .filter(|c| matches!(c.profile, Profile::Circle { .. }))
-        .any(|c| points.iter().all(|p| c.profile.value(*p).abs() < tolerance))
+    let under = carriers.iter_mut().find(|c| {
+        matches!(c.profile, Profile::Circle { .. }) && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)
+    });
+    let Some(carrier) = under else { return false };
+    let mut angle = carrier.profile.parameter(points[0]);
+    let (mut from, mut to) = (angle, angle);
+    for point in &points[1..] {
+        let turn = carrier.profile.parameter(*point) - angle;
+        angle += turn - TAU * (turn / TAU).round();
+        from = from.min(angle);
+        to = to.max(angle);
+    }
+    carrier.runs.extend(unwrap_angles(Run { from, to, ..run }));
+    true
 }
 
 fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {

@@ -165,7 +165,8 @@ fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
     match boundary[..] {
         [] => Some(false),
         [a, b] => Some(!group.smooth.contains(&[a, b])),
-        _ => None,
+        // Two parts of the boundary that touch along a line.
+        _ => Some(true),
     }
 }
 
@@ -222,5 +223,29 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
                 unexplained,
             };
         }
+    }
+}
+
+/// Why states do not fit a look.
+pub(crate) fn violated(look: &Look, states: &HashMap<u32, bool>) -> Option<String> {
+    let state = |c: u32| states.get(&c).copied().unwrap_or(false);
+    let mut clear = true;
+    let mut visible = false;
+    let mut any = false;
+    let mut passed: Vec<u32> = look.start.to_vec();
+    for g in &look.groups {
+        clear &= passed.iter().all(|c| !state(*c));
+        match edge(g, state) {
+            None => return Some(format!("nonmanifold {:?}", g.sectors.iter().map(|c| state(*c)).collect::<Vec<_>>())),
+            Some(e) => { any |= e; visible |= e && clear; }
+        }
+        passed.extend(&g.sectors);
+    }
+    match look.style {
+        None if any => Some("edge but none drawn".into()),
+        Some(LineStyle::Visible) if !visible => Some(format!("not visible (any {any})")),
+        Some(LineStyle::Hidden) if visible => Some("visible".into()),
+        Some(LineStyle::Hidden) if !any => Some("no edge".into()),
+        _ => None,
     }
 }
