@@ -77,7 +77,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             _ if section == "ENTITIES" => {
                 entities += 1;
                 if entities > MOST_ENTITIES {
-                    return Err(Error::input(format!("needed at most {MOST_ENTITIES} entities, found more")));
+                    return Err(Error::input(format!(
+                        "needed at most {MOST_ENTITIES} entities, found more"
+                    )));
                 }
                 add(&mut drawing, &record, &layers)?;
             }
@@ -85,7 +87,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
         }
     }
     if !ended && drawing.curves.is_empty() {
-        return Err(Error::input("needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?"));
+        return Err(Error::input(
+            "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
+        ));
     }
     Ok(drawing)
 }
@@ -105,7 +109,9 @@ fn add(drawing: &mut DxfDrawing, record: &Record, layers: &BTreeMap<String, Stri
     };
     for curve in curves {
         if curve.length() <= 0.0 {
-            drawing.warnings.push(format!("{} has no length: it is left out", record.name()));
+            drawing
+                .warnings
+                .push(format!("{} has no length: it is left out", record.name()));
             continue;
         }
         drawing.curves.push(DrawnCurve {
@@ -137,7 +143,10 @@ fn style_of(record: &Record, layers: &BTreeMap<String, String>) -> Option<LineSt
 
 /// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.
 fn unit_of(header: &Record) -> Option<Unit> {
-    let at = header.groups.iter().position(|g| g.code == 9 && g.value == "$INSUNITS")?;
+    let at = header
+        .groups
+        .iter()
+        .position(|g| g.code == 9 && g.value == "$INSUNITS")?;
     match header.groups.get(at + 1)?.value.parse::<i64>().ok()? {
         1 => Some(Unit::Inch),
         2 => Some(Unit::Foot),

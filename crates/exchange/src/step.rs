@@ -182,7 +182,10 @@ fn write_item<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Res
             for void in voids {
                 oriented.push(out.add(format_args!("ORIENTED_CLOSED_SHELL('',*,{void},.T.)"))?);
             }
-            Ok((out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?, true))
+            Ok((
+                out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?,
+                true,
+            ))
         }
     }
 }

@@ -127,7 +127,11 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
         progress.check(crate::progress::WRITING_STAGE, 0.9)?;
         let mut file = None;
         for output in job.outputs.iter().filter(|_| index == 0 || job.all) {
-            let path = if job.all { numbered(output, index + 1) } else { output.clone() };
+            let path = if job.all {
+                numbered(output, index + 1)
+            } else {
+                output.clone()
+            };
             write_solid(&path, &solution.solid, &options(output, unit))?;
             file.get_or_insert(path.display().to_string());
             written.push(path);
@@ -212,12 +216,17 @@ fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
         let found = read_dxf(path)?;
         let name = path.display();
         if found.curves.is_empty() {
-            return Err(Error::input(format!("{name}: needed lines, arcs or circles of the {} view, found none", kind.name())));
+            return Err(Error::input(format!(
+                "{name}: needed lines, arcs or circles of the {} view, found none",
+                kind.name()
+            )));
         }
         if let (Some(a), Some(b)) = (unit, found.unit)
             && a != b
         {
-            return Err(Error::input(format!("{name}: is in {b}, and a view before it in {a}: needed one unit")));
+            return Err(Error::input(format!(
+                "{name}: is in {b}, and a view before it in {a}: needed one unit"
+            )));
         }
         unit = unit.or(found.unit);
         for (kind, count) in &found.passed_over {

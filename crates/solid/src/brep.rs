@@ -7,10 +7,10 @@ mod check;
 mod geometry;
 mod measures;
 
-pub use geometry::{Curve, Surface};
 pub(crate) use geometry::unit;
-pub(crate) use planish_estimate::vector3::add_scaled as along;
+pub use geometry::{Curve, Surface};
 pub use measures::Measures;
+pub(crate) use planish_estimate::vector3::add_scaled as along;
 
 /// An edge between two vertices (or from one back to it).
 #[derive(Debug, Clone, PartialEq)]
@@ -70,7 +70,11 @@ impl Solid {
     /// Faces by the kind of their surface: planes, cylinders.
     #[must_use]
     pub fn faces_by_kind(&self) -> [usize; 2] {
-        let planes = self.faces.iter().filter(|f| matches!(f.surface, Surface::Plane { .. })).count();
+        let planes = self
+            .faces
+            .iter()
+            .filter(|f| matches!(f.surface, Surface::Plane { .. }))
+            .count();
         [planes, self.faces.len() - planes]
     }
 

@@ -24,9 +24,11 @@ mod profile;
 mod search;
 mod sight;
 mod surfaces;
+#[cfg(test)]
+mod tests;
 
 use crate::brep::{Measures, Solid};
-pub use drawing::{Curve2, DrawnCurve, Drawing, LineStyle, View, ViewKind};
+pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
 use planish_estimate::{Error, Result};
 
 /// Solids are made of so many assignments at most.
@@ -133,7 +135,10 @@ fn check(drawing: &Drawing) -> Result<()> {
         )));
     }
     match drawing.views.iter().find(|v| v.curves.is_empty()) {
-        Some(view) => Err(Error::input(format!("the {} view: needed lines, found none", view.kind.name()))),
+        Some(view) => Err(Error::input(format!(
+            "the {} view: needed lines, found none",
+            view.kind.name()
+        ))),
         None => Ok(()),
     }
 }

@@ -16,10 +16,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         "LINE" => vec![Curve2::Segment(point(record, 10)?, point(record, 11)?)],
         "CIRCLE" => vec![arc(record, 0.0, 360.0)?],
         "ARC" => {
-            let (from, to) = (
-                record.needed(50, "a start angle")?,
-                record.needed(51, "an end angle")?,
-            );
+            let (from, to) = (record.needed(50, "a start angle")?, record.needed(51, "an end angle")?);
             vec![arc(record, from, to)?]
         }
         "ELLIPSE" => vec![ellipse(record)?],
@@ -28,7 +25,9 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         _ => return Ok(None),
     };
     if !flat {
-        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+        return Err(Error::input(
+            "needed an entity in the xy plane, found another extrusion direction",
+        ));
     }
     // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are in world coordinates.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
@@ -77,7 +76,12 @@ fn points(record: &Record, code: i32) -> Result<Vec<[f64; 2]>> {
 }
 
 fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
-    record.groups.iter().filter(|g| g.code == code).map(|g| g.number()).collect()
+    record
+        .groups
+        .iter()
+        .filter(|g| g.code == code)
+        .map(|g| g.number())
+        .collect()
 }
 
 fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
@@ -100,7 +104,11 @@ fn ellipse(record: &Record) -> Result<Curve2> {
     let from = record.number(41)?.unwrap_or(0.0);
     let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
     let sweep = if sweep < 1e-9 { TAU } else { sweep };
-    let turned = if record.number(230)?.is_some_and(|z| z < 0.0) { -1.0 } else { 1.0 };
+    let turned = if record.number(230)?.is_some_and(|z| z < 0.0) {
+        -1.0
+    } else {
+        1.0
+    };
     let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
     Ok(Curve2::Chain(
         (0..=CHAIN)
@@ -130,7 +138,13 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
     let closed = record.number(70)?.unwrap_or(0.0) as i64 & 1 == 1;
     let spans = if closed { n } else { n.saturating_sub(1) };
     Ok((0..spans)
-        .map(|k| span(vertices[k], vertices[(k + 1) % n], bulges.get(k).copied().unwrap_or(0.0)))
+        .map(|k| {
+            span(
+                vertices[k],
+                vertices[(k + 1) % n],
+                bulges.get(k).copied().unwrap_or(0.0),
+            )
+        })
         .collect())
 }
 
@@ -178,7 +192,14 @@ fn spline(record: &Record) -> Result<Curve2> {
             continue;
         }
         for k in 0..8 {
-            chain.push(de_boor(&poles, &knots, &weights, degree, j, knots[j] + (knots[j + 1] - knots[j]) * k as f64 / 8.0));
+            chain.push(de_boor(
+                &poles,
+                &knots,
+                &weights,
+                degree,
+                j,
+                knots[j] + (knots[j + 1] - knots[j]) * k as f64 / 8.0,
+            ));
         }
     }
     chain.extend(poles.last());

@@ -30,7 +30,11 @@ impl Record {
 
     /// The number of the first group of a code.
     pub(super) fn number(&self, code: i32) -> Result<Option<f64>> {
-        self.groups.iter().find(|g| g.code == code).map(Group::number).transpose()
+        self.groups
+            .iter()
+            .find(|g| g.code == code)
+            .map(Group::number)
+            .transpose()
     }
 
     /// The number of a code that must be there.
@@ -56,7 +60,10 @@ impl Group {
             .filter(|x: &f64| x.is_finite() && x.abs() < 1e15)
             .ok_or_else(|| {
                 let found: String = self.value.chars().take(40).collect();
-                Error::input(format!("line {}: needed a number (group {}), found `{found}`", self.line, self.code))
+                Error::input(format!(
+                    "line {}: needed a number (group {}), found `{found}`",
+                    self.line, self.code
+                ))
             })
     }
 }
@@ -78,7 +85,10 @@ impl<'a, R: Read> Groups<'a, R> {
     }
 
     fn next_line(&mut self) -> Result<Option<String>> {
-        let line = self.source.line()?.map(|l| String::from_utf8_lossy(l).trim().to_owned());
+        let line = self
+            .source
+            .line()?
+            .map(|l| String::from_utf8_lossy(l).trim().to_owned());
         self.line += u64::from(line.is_some());
         Ok(line)
     }
@@ -99,7 +109,9 @@ impl<'a, R: Read> Groups<'a, R> {
             )));
         };
         let Some(value) = self.next_line()? else {
-            return Err(Error::input(format!("line {at}: the file ends after group code {code}, before its value")));
+            return Err(Error::input(format!(
+                "line {at}: the file ends after group code {code}, before its value"
+            )));
         };
         Ok(Some(Group {
             code,
@@ -128,7 +140,10 @@ impl<'a, R: Read> Groups<'a, R> {
                 break;
             }
             if record.groups.len() >= MOST_GROUPS {
-                return Err(Error::input(format!("line {}: one entity has too many groups", group.line)));
+                return Err(Error::input(format!(
+                    "line {}: one entity has too many groups",
+                    group.line
+                )));
             }
             record.groups.push(group);
         }

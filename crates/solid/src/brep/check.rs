@@ -27,7 +27,10 @@ impl Solid {
                 for (k, coedge) in ring.iter().enumerate() {
                     let next = ring[(k + 1) % ring.len()];
                     if self.ends(*coedge)[1] != self.ends(next)[0] {
-                        return Err(Error::input(format!("face {index}: edges {} and {} do not meet", coedge.edge, next.edge)));
+                        return Err(Error::input(format!(
+                            "face {index}: edges {} and {} do not meet",
+                            coedge.edge, next.edge
+                        )));
                     }
                     used[coedge.edge][usize::from(coedge.forward)] += 1;
                     self.check_edge(index, coedge.edge, tolerance)?;
@@ -48,7 +51,9 @@ impl Solid {
         for (vertex, t) in [(edge.start, edge.range[0]), (edge.end, edge.range[1])] {
             let apart = norm(sub(self.vertices[vertex], edge.curve.point(t)));
             if apart > tolerance {
-                return Err(Error::input(format!("edge {index} ends {apart:e} away from vertex {vertex}")));
+                return Err(Error::input(format!(
+                    "edge {index} ends {apart:e} away from vertex {vertex}"
+                )));
             }
         }
         for k in 0..=SAMPLES {

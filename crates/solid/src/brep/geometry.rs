@@ -45,7 +45,12 @@ impl Curve {
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let (s2, s3) = (s * s, s * s * s);
-                let weights = [2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s, 3.0 * s2 - 2.0 * s3, s3 - s2];
+                let weights = [
+                    2.0 * s3 - 3.0 * s2 + 1.0,
+                    s3 - 2.0 * s2 + s,
+                    3.0 * s2 - 2.0 * s3,
+                    s3 - s2,
+                ];
                 hermite(points, derivatives, k, weights)
             }
         }
@@ -77,7 +82,9 @@ fn piece(points: usize, t: f64) -> (usize, f64) {
 }
 
 fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4]) -> [f64; 3] {
-    [0, 1, 2].map(|c| w[0] * points[k][c] + w[1] * derivatives[k][c] + w[2] * points[k + 1][c] + w[3] * derivatives[k + 1][c])
+    [0, 1, 2].map(|c| {
+        w[0] * points[k][c] + w[1] * derivatives[k][c] + w[2] * points[k + 1][c] + w[3] * derivatives[k + 1][c]
+    })
 }
 
 /// A surface of a face.

@@ -59,7 +59,11 @@ impl Solid {
     #[must_use]
     pub fn volume_of(&self, faces: &[usize]) -> f64 {
         let origin = self.vertices.first().copied().unwrap_or_default();
-        faces.iter().map(|f| self.integrals(&self.faces[*f], origin)[1]).sum::<f64>() / 3.0
+        faces
+            .iter()
+            .map(|f| self.integrals(&self.faces[*f], origin)[1])
+            .sum::<f64>()
+            / 3.0
     }
 
     /// Over a face: 1, `p · n`, and `p_k² n_k`, with p from the origin and n outwards.
@@ -116,7 +120,13 @@ fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> 
             // p_k along v, from v = 0: q + v y.
             let q = sub(super::along(p, -v, y), origin);
             let second = |k: usize| normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0);
-            [-v * du, -level * v * du, -second(0) * du, -second(1) * du, -second(2) * du]
+            [
+                -v * du,
+                -level * v * du,
+                -second(0) * du,
+                -second(1) * du,
+                -second(2) * du,
+            ]
         }
         Surface::Cylinder {
             origin: at,
@@ -131,7 +141,13 @@ fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> 
             let level = dot(sub(*at, origin), n) + radius;
             let second =
                 |k: usize| n[k] * (q[k] * q[k] * v + q[k] * axis[k] * v * v + axis[k] * axis[k] * v * v * v / 3.0);
-            [-v * du, -level * v * du, -second(0) * du, -second(1) * du, -second(2) * du]
+            [
+                -v * du,
+                -level * v * du,
+                -second(0) * du,
+                -second(1) * du,
+                -second(2) * du,
+            ]
         }
     }
 }

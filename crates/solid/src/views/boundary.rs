@@ -66,7 +66,11 @@ impl Maker<'_> {
                     let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
                     let at = |shares: [f64; 3]| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * shares[a]);
                     let plain = (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
-                    let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
+                    let samples: &[f64] = if plain {
+                        &[0.47]
+                    } else {
+                        &[0.03, 0.21, 0.47, 0.79, 0.96]
+                    };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {
                         let id = SurfaceId::Grid(axis, cell[axis]);
                         if used.contains(&id) {
@@ -127,7 +131,10 @@ impl Maker<'_> {
                 for meeting in meetings(&self.surfaces[s], &self.surfaces[t], self.tolerance) {
                     let mut points = meeting.ends.clone();
                     for u in (0..n).filter(|u| *u != s && *u != t) {
-                        points.extend(triple([&self.surfaces[s], &self.surfaces[t], &self.surfaces[u]], self.tolerance));
+                        points.extend(triple(
+                            [&self.surfaces[s], &self.surfaces[t], &self.surfaces[u]],
+                            self.tolerance,
+                        ));
                     }
                     points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
                     self.cut(&meeting.curve, points, [s, t]);
@@ -205,7 +212,10 @@ impl Maker<'_> {
                 let w = along(along([0.0; 3], cos, e1), sin, e2);
                 let outward = if begins { cross(w, tangent) } else { cross(tangent, w) };
                 let same = dot(outward, self.surfaces[half.1].normal(m)) > 0.0;
-                self.coedges.entry((half.1, same)).or_default().push(Coedge { edge, forward: !begins });
+                self.coedges
+                    .entry((half.1, same))
+                    .or_default()
+                    .push(Coedge { edge, forward: !begins });
             }
         }
     }
@@ -317,7 +327,9 @@ impl Maker<'_> {
             loop {
                 let last = ring[ring.len() - 1];
                 let at = self.solid.ends(last)[1];
-                if at == self.solid.ends(first)[0] && self.next(surface, outward, last, at, &uses, Some(first)).is_none() {
+                if at == self.solid.ends(first)[0]
+                    && self.next(surface, outward, last, at, &uses, Some(first)).is_none()
+                {
                     break;
                 }
                 let Some(next) = self.next(surface, outward, last, at, &uses, None) else {
@@ -353,7 +365,11 @@ impl Maker<'_> {
             let edge = &self.solid.edges[coedge.edge];
             let [lo, hi] = edge.range;
             let near_lo = coedge.forward == from_start;
-            let t = if near_lo { lo + 0.01 * (hi - lo) } else { hi - 0.01 * (hi - lo) };
+            let t = if near_lo {
+                lo + 0.01 * (hi - lo)
+            } else {
+                hi - 0.01 * (hi - lo)
+            };
             unit(sub(edge.curve.point(t), p))
         };
         let back = away(last, false);
@@ -389,14 +405,20 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
             let inside = |t: f64| t >= 0.0 && t <= PI;
             let d = match inside(t - 2.0 * e) && inside(t + 2.0 * e) {
                 true => {
-                    let (a, b, c, d) = (curve.point(t - 2.0 * e), curve.point(t - e), curve.point(t + e), curve.point(t + 2.0 * e));
+                    let (a, b, c, d) = (
+                        curve.point(t - 2.0 * e),
+                        curve.point(t - e),
+                        curve.point(t + e),
+                        curve.point(t + 2.0 * e),
+                    );
                     [0, 1, 2].map(|i| (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * e))
                 }
                 false => {
                     let s = if t < 1.0 { 1.0 } else { -1.0 };
                     let q = |m: f64| curve.point(t + s * m * e);
                     let (a, b, c, d, f) = (q(0.0), q(1.0), q(2.0), q(3.0), q(4.0));
-                    [0, 1, 2].map(|i| s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e))
+                    [0, 1, 2]
+                        .map(|i| s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e))
                 }
             };
             d.map(|c| c * h)
@@ -418,11 +440,18 @@ impl Ring {
         let periodic = matches!(surface, Surface::Cylinder { .. });
         for coedge in coedges {
             let edge = &solid.edges[coedge.edge];
-            let n = if matches!(edge.curve, Curve::Line { .. }) { 1 } else { 32 };
+            let n = if matches!(edge.curve, Curve::Line { .. }) {
+                1
+            } else {
+                32
+            };
             for k in 0..n {
                 let share = k as f64 / n as f64;
                 let share = if coedge.forward { share } else { 1.0 - share };
-                let mut q = surface.parameters(edge.curve.point(edge.range[0] + (edge.range[1] - edge.range[0]) * share));
+                let mut q = surface.parameters(
+                    edge.curve
+                        .point(edge.range[0] + (edge.range[1] - edge.range[0]) * share),
+                );
                 if let Some(last) = points.last().filter(|_| periodic) {
                     q[0] -= TAU * ((q[0] - last[0]) / TAU).round();
                 }
@@ -437,7 +466,10 @@ impl Ring {
             turns = ((close[0] - points[0][0]) / TAU).round() as i32;
         }
         points.push(close);
-        let area = points.windows(2).map(|p| (p[0][0] * p[1][1] - p[1][0] * p[0][1]) / 2.0).sum();
+        let area = points
+            .windows(2)
+            .map(|p| (p[0][0] * p[1][1] - p[1][0] * p[0][1]) / 2.0)
+            .sum();
         Self { points, turns, area }
     }
 

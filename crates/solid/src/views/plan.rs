@@ -70,7 +70,9 @@ impl Cluster {
         let mut values = Vec::new();
         let mut at = 0;
         while at < raw.len() {
-            let end = (at + 1..raw.len()).find(|&k| raw[k] - raw[k - 1] > tolerance).unwrap_or(raw.len());
+            let end = (at + 1..raw.len())
+                .find(|&k| raw[k] - raw[k - 1] > tolerance)
+                .unwrap_or(raw.len());
             values.push(representative(&raw[at..end]));
             at = end;
         }
@@ -90,7 +92,10 @@ impl Cluster {
 /// Of values that mean one: a round one, else one with more than six decimals, else the first.
 fn representative(values: &[f64]) -> f64 {
     let round = |v: f64| (v * 1e4).round() / 1e4;
-    let nearest = values.iter().copied().min_by(|a, b| (a - round(*a)).abs().total_cmp(&(b - round(*b)).abs()));
+    let nearest = values
+        .iter()
+        .copied()
+        .min_by(|a, b| (a - round(*a)).abs().total_cmp(&(b - round(*b)).abs()));
     match nearest {
         Some(v) if (v - round(v)).abs() < 1e-6 => round(v),
         _ => values
@@ -178,13 +183,21 @@ fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
 
 /// The parts of a range that are drawn, visible where both styles are; shorter ones than `least` are left out.
 pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<Run> {
-    let mut cuts: Vec<f64> = runs.iter().flat_map(|r| [r.from, r.to]).filter(|t| *t > from && *t < to).collect();
+    let mut cuts: Vec<f64> = runs
+        .iter()
+        .flat_map(|r| [r.from, r.to])
+        .filter(|t| *t > from && *t < to)
+        .collect();
     cuts.extend([from, to]);
     cuts.sort_by(f64::total_cmp);
     let mut found: Vec<Run> = Vec::new();
     for cut in cuts.windows(2) {
         let middle = (cut[0] + cut[1]) / 2.0;
-        let Some(best) = runs.iter().filter(|r| r.from <= middle && middle <= r.to).min_by_key(|r| r.style) else {
+        let Some(best) = runs
+            .iter()
+            .filter(|r| r.from <= middle && middle <= r.to)
+            .min_by_key(|r| r.style)
+        else {
             continue;
         };
         match found.last_mut() {
@@ -203,7 +216,13 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
 impl Plan {
     /// Lays the drawing on its grid.
     pub(crate) fn of(drawing: &Drawing) -> Self {
-        let points = || drawing.views.iter().flat_map(|v| &v.curves).flat_map(|c| c.curve.points());
+        let points = || {
+            drawing
+                .views
+                .iter()
+                .flat_map(|v| &v.curves)
+                .flat_map(|c| c.curve.points())
+        };
         let size = (0..2)
             .map(|a| {
                 let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
@@ -245,7 +264,10 @@ impl Plan {
                             continue;
                         }
                         let runs = if is_line { vec![run] } else { unwrap_angles(run) };
-                        match carriers.iter_mut().find(|c| c.profile.same(&profile, 5.0 * tolerance, size)) {
+                        match carriers
+                            .iter_mut()
+                            .find(|c| c.profile.same(&profile, 5.0 * tolerance, size))
+                        {
                             Some(carrier) => carrier.runs.extend(runs),
                             None => carriers.push(Carrier { profile, runs }),
                         }
@@ -257,7 +279,9 @@ impl Plan {
         let grid = grid_of(&found, &clusters, size, tolerance, gap);
         let views = found
             .into_iter()
-            .map(|(kind, on_grid, carriers, others)| ViewPlan::of(kind, on_grid, carriers, others, &grid, tolerance, gap))
+            .map(|(kind, on_grid, carriers, others)| {
+                ViewPlan::of(kind, on_grid, carriers, others, &grid, tolerance, gap)
+            })
             .collect();
         Self {
             grid,
@@ -357,7 +381,11 @@ fn grid_of(found: &[Found], clusters: &[Cluster; 3], size: f64, tolerance: f64, 
         lines.dedup();
         for (axis, at) in lines {
             grid[axes[axis]].push(at);
-            let runs: Vec<Run> = on_grid.iter().filter(|g| g.0 == axis && g.1 == at).map(|g| g.2).collect();
+            let runs: Vec<Run> = on_grid
+                .iter()
+                .filter(|g| g.0 == axis && g.1 == at)
+                .map(|g| g.2)
+                .collect();
             for stretch in stretches(&runs, gap) {
                 grid[axes[1 - axis]].extend(stretch);
             }
@@ -376,7 +404,11 @@ fn grid_of(found: &[Found], clusters: &[Cluster; 3], size: f64, tolerance: f64, 
                     if whole {
                         at.clear();
                     }
-                    at.extend((0..=4).map(|q| f64::from(q) * PI / 2.0).filter(|a| *a > from - 1e-6 && *a < to + 1e-6));
+                    at.extend(
+                        (0..=4)
+                            .map(|q| f64::from(q) * PI / 2.0)
+                            .filter(|a| *a > from - 1e-6 && *a < to + 1e-6),
+                    );
                 }
                 for t in at {
                     let p = carrier.profile.point(t);
@@ -389,7 +421,10 @@ fn grid_of(found: &[Found], clusters: &[Cluster; 3], size: f64, tolerance: f64, 
     }
     grid.map(|values| {
         let mut values = Cluster::of(values, 5.0 * tolerance).values;
-        let (lo, hi) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
+        let (lo, hi) = (
+            values.first().copied().unwrap_or(0.0),
+            values.last().copied().unwrap_or(0.0),
+        );
         let margin = 0.1 * size;
         values.insert(0, lo - margin);
         values.push(hi + margin);
@@ -451,7 +486,11 @@ impl ViewPlan {
                     for other in profile.crossings(known, *value, 5.0 * tolerance) {
                         let p = if known == 0 { [*value, other] } else { [other, *value] };
                         let t = profile.parameter(p);
-                        let t = if matches!(profile, Profile::Line { .. }) { t } else { t.rem_euclid(TAU) };
+                        let t = if matches!(profile, Profile::Line { .. }) {
+                            t
+                        } else {
+                            t.rem_euclid(TAU)
+                        };
                         if t > from && t < to {
                             cuts.push(t);
                         }
@@ -459,7 +498,7 @@ impl ViewPlan {
                 }
             }
             cuts.sort_by(f64::total_cmp);
-            cuts.dedup_by(|b, a| *b - *a < 20.0 * tolerance / turn);
+            cuts.dedup_by(|b, a| *b - *a < 2.0 * tolerance / turn);
             for cut in cuts.windows(2) {
                 self.add_piece(carrier, [cut[0], cut[1]], grid, gap / turn);
             }

@@ -17,7 +17,11 @@ impl Profile {
         let length = distance(a, b);
         let normal = [-(b[1] - a[1]) / length, (b[0] - a[0]) / length];
         // One sign for both directions, so that equal lines compare equal.
-        let sign = if normal[0] < -1e-12 || (normal[0].abs() <= 1e-12 && normal[1] < 0.0) { -1.0 } else { 1.0 };
+        let sign = if normal[0] < -1e-12 || (normal[0].abs() <= 1e-12 && normal[1] < 0.0) {
+            -1.0
+        } else {
+            1.0
+        };
         let normal = normal.map(|c| sign * c);
         Self::Line {
             normal,
@@ -63,20 +67,13 @@ impl Profile {
     /// Whether two profiles are one within a distance, over a drawing of a size.
     pub(crate) fn same(&self, other: &Self, tolerance: f64, size: f64) -> bool {
         match (self, other) {
-            (
-                Self::Line { normal, offset },
-                Self::Line {
-                    normal: n2,
-                    offset: o2,
-                },
-            ) => (normal[0] * n2[1] - normal[1] * n2[0]).abs() * size < 3.0 * tolerance && (offset - o2).abs() < 3.0 * tolerance,
-            (
-                Self::Circle { center, radius },
-                Self::Circle {
-                    center: c2,
-                    radius: r2,
-                },
-            ) => distance(*center, *c2) < tolerance && (radius - r2).abs() < tolerance,
+            (Self::Line { normal, offset }, Self::Line { normal: n2, offset: o2 }) => {
+                (normal[0] * n2[1] - normal[1] * n2[0]).abs() * size < 3.0 * tolerance
+                    && (offset - o2).abs() < 3.0 * tolerance
+            }
+            (Self::Circle { center, radius }, Self::Circle { center: c2, radius: r2 }) => {
+                distance(*center, *c2) < tolerance && (radius - r2).abs() < tolerance
+            }
             _ => false,
         }
     }

@@ -55,7 +55,13 @@ impl Encoder {
         }
         let solver = &mut self.solver;
         // Solids first try to be small.
-        Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
+        Lit::new(
+            *self
+                .cells
+                .entry(cell)
+                .or_insert_with(|| solver.new_var(lbool::TRUE, true)),
+            true,
+        )
     }
 
     fn clause(&mut self, mut literals: Vec<Lit>) {
@@ -74,9 +80,20 @@ impl Encoder {
         distinct.retain(|c| *c != self.outside);
         let literals: Vec<Lit> = distinct.iter().map(|c| self.solid(*c)).collect();
         for states in 0..1_u32 << distinct.len().min(12) {
-            let state = |cell: u32| distinct.iter().position(|c| *c == cell).is_some_and(|k| states >> k & 1 == 1);
+            let state = |cell: u32| {
+                distinct
+                    .iter()
+                    .position(|c| *c == cell)
+                    .is_some_and(|k| states >> k & 1 == 1)
+            };
             let mut clause: Vec<Lit> = (0..distinct.len())
-                .map(|k| if states >> k & 1 == 1 { !literals[k] } else { literals[k] })
+                .map(|k| {
+                    if states >> k & 1 == 1 {
+                        !literals[k]
+                    } else {
+                        literals[k]
+                    }
+                })
                 .collect();
             match edge(group, state) {
                 Some(true) => clause.push(event),
@@ -161,7 +178,10 @@ impl Encoder {
 fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
-    let boundary: Vec<u8> = (0..n).filter(|&h| states[h] != states[(h + 1) % n]).map(|h| h as u8).collect();
+    let boundary: Vec<u8> = (0..n)
+        .filter(|&h| states[h] != states[(h + 1) % n])
+        .map(|h| h as u8)
+        .collect();
     match boundary[..] {
         [] => Some(false),
         [a, b] => Some(!group.smooth.contains(&[a, b])),
@@ -172,7 +192,10 @@ fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
 
 /// Searches for assignments, at most so many.
 pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
-    let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
+    let outside = cells.at_in(
+        [0, 0, 0],
+        [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
+    );
     let mut encoder = Encoder::new(outside);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
     for (index, (look, _)) in looks.looks.iter().enumerate() {
@@ -223,29 +246,5 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
                 unexplained,
             };
         }
-    }
-}
-
-/// Why states do not fit a look.
-pub(crate) fn violated(look: &Look, states: &HashMap<u32, bool>) -> Option<String> {
-    let state = |c: u32| states.get(&c).copied().unwrap_or(false);
-    let mut clear = true;
-    let mut visible = false;
-    let mut any = false;
-    let mut passed: Vec<u32> = look.start.to_vec();
-    for g in &look.groups {
-        clear &= passed.iter().all(|c| !state(*c));
-        match edge(g, state) {
-            None => return Some(format!("nonmanifold {:?}", g.sectors.iter().map(|c| state(*c)).collect::<Vec<_>>())),
-            Some(e) => { any |= e; visible |= e && clear; }
-        }
-        passed.extend(&g.sectors);
-    }
-    match look.style {
-        None if any => Some("edge but none drawn".into()),
-        Some(LineStyle::Visible) if !visible => Some(format!("not visible (any {any})")),
-        Some(LineStyle::Hidden) if visible => Some("visible".into()),
-        Some(LineStyle::Hidden) if !any => Some("no edge".into()),
-        _ => None,
     }
 }

@@ -76,7 +76,7 @@ impl Looks {
         let axes = shown.kind.axes();
         for k in 0..2 {
             let (across, along) = (&plan.grid[axes[k]], &plan.grid[axes[1 - k]]);
-            let busy = busy(cells, view, axes[k]);
+            let busy = busy_along(cells, view, axes[k]);
             let curved = busy_along(cells, view, axes[1 - k]);
             for i in 1..across.len() - 1 {
                 let step = (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
@@ -122,7 +122,9 @@ impl Looks {
         let shown = &plan.views[view];
         for (index, piece) in shown.pieces.iter().enumerate() {
             let profile = shown.profile(index as u32);
-            let extent = (0..2).map(|k| piece.range[k][1] - piece.range[k][0]).fold(0.0, f64::max);
+            let extent = (0..2)
+                .map(|k| piece.range[k][1] - piece.range[k][0])
+                .fold(0.0, f64::max);
             let step = (1e-5 * plan.size).min(0.02 * extent);
             for run in &piece.runs {
                 for share in [0.13, 0.47, 0.86] {
@@ -142,10 +144,11 @@ impl Looks {
     fn at_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         let plan = cells.plan;
         let [right, up, along] = plan.views[view].kind.axes();
-        let sharing = |axis: usize| {
-            (0..plan.views.len()).find(|v| *v != view && plan.views[*v].kind.axes()[..2].contains(&axis))
+        let sharing =
+            |axis: usize| (0..plan.views.len()).find(|v| *v != view && plan.views[*v].kind.axes()[..2].contains(&axis));
+        let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
+            return;
         };
-        let (Some(a), Some(b)) = (sharing(right), sharing(up)) else { return };
         let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
         let [a_at, a_depth, b_at, b_depth] = [place(a, right), place(a, along), place(b, up), place(b, along)];
         for i in 0..plan.intervals(right) {
@@ -156,7 +159,10 @@ impl Looks {
                     for j in 0..plan.intervals(up) {
                         cell[up] = j;
                         for &second in pieces_in(plan, b, cell) {
-                            let (p, q) = (&plan.views[a].pieces[first as usize], &plan.views[b].pieces[second as usize]);
+                            let (p, q) = (
+                                &plan.views[a].pieces[first as usize],
+                                &plan.views[b].pieces[second as usize],
+                            );
                             let lo = p.range[a_depth][0].max(q.range[b_depth][0]);
                             let hi = p.range[a_depth][1].min(q.range[b_depth][1]);
                             if hi - lo < 1e-4 * plan.size {
@@ -174,20 +180,32 @@ impl Looks {
                                 let normal = profile.normal(point);
                                 (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
                             };
-                            let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else { continue };
-                            let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else { continue };
+                            let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                continue;
+                            };
+                            let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                continue;
+                            };
                             let length = du.hypot(dw);
                             let at = [u, w];
                             if length < 1e-6 {
                                 continue;
                             }
-                            let Some(style) = style_near(cells, drawing, view, at) else { continue };
+                            let Some(style) = style_near(cells, drawing, view, at) else {
+                                continue;
+                            };
                             let place = LookPlace {
                                 view,
                                 at,
                                 curve: style.map(|s| s.1),
                             };
-                            self.add(cells, place, style.map(|s| s.0), [du / length, -dw / length], 1e-5 * plan.size);
+                            self.add(
+                                cells,
+                                place,
+                                style.map(|s| s.0),
+                                [du / length, -dw / length],
+                                1e-5 * plan.size,
+                            );
                         }
                     }
                 }
@@ -207,7 +225,9 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
         let i = grid.partition_point(|g| *g < at[k]);
         for line in [i.wrapping_sub(1), i] {
             let touches = grid.get(line).is_some_and(|g| (g - at[k]).abs() < near)
-                && shown.lines[k][line].iter().any(|r| at[1 - k] > r.from - near && at[1 - k] < r.to + near);
+                && shown.lines[k][line]
+                    .iter()
+                    .any(|r| at[1 - k] > r.from - near && at[1 - k] < r.to + near);
             if touches {
                 return None;
             }
@@ -221,7 +241,10 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
     let curves = &drawing.views[view].curves;
     for &index in &shown.others {
         let points = curves[index].curve.points();
-        if points.windows(2).any(|p| distance_to_segment(at, p[0], p[1]) < near / 2.0) {
+        if points
+            .windows(2)
+            .any(|p| distance_to_segment(at, p[0], p[1]) < near / 2.0)
+        {
             found.push((curves[index].style, index));
         }
     }
@@ -243,20 +266,17 @@ pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 
     distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
 }
 
-/// Intervals of an axis in which another view than the one given has pieces, for an axis across which lines run.
-fn busy(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
-    busy_along(cells, view, axis)
-}
-
+/// Intervals of an axis in which another view than the one given has pieces.
 fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
     let plan = cells.plan;
     let mut found = vec![false; plan.intervals(axis)];
     for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
         let axes = plan.views[v].kind.axes();
-        let Some(k) = (0..2).find(|&k| axes[k] == axis) else { continue };
+        let Some(k) = (0..2).find(|&k| axes[k] == axis) else {
+            continue;
+        };
         let columns = plan.intervals(axes[1]);
-        for (at, pieces) in other.cells.iter().enumerate().filter(|(_, p)| !p.is_empty()) {
-            let _ = pieces;
+        for (at, _) in other.cells.iter().enumerate().filter(|(_, p)| !p.is_empty()) {
             found[[at / columns, at % columns][k]] = true;
         }
     }
@@ -323,7 +343,14 @@ fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
 }
 
-fn look(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], step: f64, style: Option<LineStyle>) -> Option<Look> {
+fn look(
+    cells: &Cells,
+    view: usize,
+    at: [f64; 2],
+    normal: [f64; 2],
+    step: f64,
+    style: Option<LineStyle>,
+) -> Option<Look> {
     let plan = cells.plan;
     let beside = |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
     let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
@@ -342,7 +369,7 @@ fn look(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], step: f64, s
         }
     }
     limits.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth).then(a.0.cmp(&b.0)));
-    let near = 2e-5 * plan.size;
+    let near = 5.0 * plan.tolerance;
     let mut now = [columns[0].start, columns[1].start];
     let start = now;
     let mut groups = Vec::new();
@@ -354,7 +381,6 @@ fn look(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], step: f64, s
         groups.push(group(&limits[from..to], &mut now));
         from = to;
     }
-    // The same look from the other side is the same look.
     Some(Look { style, start, groups })
 }
 

@@ -138,7 +138,9 @@ fn halves(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance:
         return Vec::new();
     }
     let h = square.sqrt();
-    [-h, h].map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]]).to_vec()
+    [-h, h]
+        .map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]])
+        .to_vec()
 }
 
 fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
@@ -170,21 +172,31 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
     if let Some(at) = three.iter().position(|s| s.plane.is_some()) {
         let (axis, value) = three[at].plane.unwrap_or_default();
         let others: Vec<&Drawn> = (0..3).filter(|k| *k != at).map(|k| three[k]).collect();
-        let traces = others.iter().map(|s| trace(s, axis, value, tolerance)).collect::<Option<Vec<_>>>();
+        let traces = others
+            .iter()
+            .map(|s| trace(s, axis, value, tolerance))
+            .collect::<Option<Vec<_>>>();
         let Some(traces) = traces else { return Vec::new() };
         return match (&traces[0], &traces[1]) {
             (Trace::Values(a, first), Trace::Values(b, second)) if a != b => first
                 .iter()
-                .flat_map(|x| second.iter().map(move |y| point_of([(axis, value), (*a, *x), (*b, *y)])))
+                .flat_map(|x| {
+                    second
+                        .iter()
+                        .map(move |y| point_of([(axis, value), (*a, *x), (*b, *y)]))
+                })
                 .collect(),
             (Trace::Values(..), Trace::Values(..)) => Vec::new(),
-            (Trace::Values(a, values), Trace::Profile(axes, profile)) | (Trace::Profile(axes, profile), Trace::Values(a, values)) => {
+            (Trace::Values(a, values), Trace::Profile(axes, profile))
+            | (Trace::Profile(axes, profile), Trace::Values(a, values)) => {
                 let known = usize::from(axes[1] == *a);
                 let on = |x: &f64| {
                     let x = *x;
                     let other = axes[1 - known];
                     let found = profile.crossings(known, x, tolerance);
-                    found.into_iter().map(move |y| point_of([(axis, value), (*a, x), (other, y)]))
+                    found
+                        .into_iter()
+                        .map(move |y| point_of([(axis, value), (*a, x), (other, y)]))
                 };
                 values.iter().flat_map(on).collect()
             }
@@ -227,7 +239,9 @@ fn numeric([s, t, u]: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
         };
     };
     const STEPS: usize = 720;
-    let Some(known) = (0..2).find(|&k| s.position(t.axes[k]).is_some()) else { return Vec::new() };
+    let Some(known) = (0..2).find(|&k| s.position(t.axes[k]).is_some()) else {
+        return Vec::new();
+    };
     let place = s.position(t.axes[known]).unwrap_or(0);
     let mut found = Vec::new();
     for branch in 0..2 {
@@ -266,8 +280,15 @@ pub(super) struct Meeting {
 
 /// A curve in space with its parameter.
 pub(super) enum Curve3 {
-    Line { origin: [f64; 3], direction: [f64; 3] },
-    Ellipse { center: [f64; 3], a: [f64; 3], b: [f64; 3] },
+    Line {
+        origin: [f64; 3],
+        direction: [f64; 3],
+    },
+    Ellipse {
+        center: [f64; 3],
+        a: [f64; 3],
+        b: [f64; 3],
+    },
     /// Where two cylinders cross: over the coordinate that they share, one sign of each root.
     Branch {
         first: Drawn,
@@ -296,17 +317,33 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
         curve: Curve3::Line { origin, direction },
         ends: Vec::new(),
     };
-    let (s, t) = if s.plane.is_none() && t.plane.is_some() { (t, s) } else { (s, t) };
+    let (s, t) = if s.plane.is_none() && t.plane.is_some() {
+        (t, s)
+    } else {
+        (s, t)
+    };
     if let Some((axis, value)) = s.plane {
         return match trace(t, axis, value, tolerance) {
             None => Vec::new(),
             Some(Trace::Values(other, values)) => values
                 .into_iter()
-                .map(|v| line(point_of([(axis, value), (other, v), (3 - axis - other, 0.0)]), unit_of(3 - axis - other)))
+                .map(|v| {
+                    line(
+                        point_of([(axis, value), (other, v), (3 - axis - other, 0.0)]),
+                        unit_of(3 - axis - other),
+                    )
+                })
                 .collect(),
             Some(Trace::Profile(axes, Profile::Line { normal, offset })) => {
-                let origin = point_of([(axis, value), (axes[0], offset * normal[0]), (axes[1], offset * normal[1])]);
-                vec![line(origin, point_of([(axis, 0.0), (axes[0], -normal[1]), (axes[1], normal[0])]))]
+                let origin = point_of([
+                    (axis, value),
+                    (axes[0], offset * normal[0]),
+                    (axes[1], offset * normal[1]),
+                ]);
+                vec![line(
+                    origin,
+                    point_of([(axis, 0.0), (axes[0], -normal[1]), (axes[1], normal[0])]),
+                )]
             }
             Some(Trace::Profile(axes, Profile::Circle { center, radius })) => vec![Meeting {
                 curve: Curve3::Ellipse {
@@ -321,7 +358,12 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
     if s.axes == t.axes {
         return meet(&s.profile, &t.profile, tolerance)
             .into_iter()
-            .map(|m| line(point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], 0.0)]), unit_of(s.axes[2])))
+            .map(|m| {
+                line(
+                    point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], 0.0)]),
+                    unit_of(s.axes[2]),
+                )
+            })
             .collect();
     }
     let Some(shared) = (0..3).find(|a| s.position(*a).is_some() && t.position(*a).is_some()) else {
@@ -341,7 +383,9 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
                 let second = t.profile.crossings(places[1], x, 0.0).first().copied()?;
                 Some(point_of([(shared, x), (other[0], first), (other[1], second)]))
             };
-            let (Some(origin), Some(end)) = (at(0.0), at(1.0)) else { return Vec::new() };
+            let (Some(origin), Some(end)) = (at(0.0), at(1.0)) else {
+                return Vec::new();
+            };
             let d = [0, 1, 2].map(|k| end[k] - origin[k]);
             vec![Meeting {
                 curve: Curve3::Line {
@@ -355,7 +399,9 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
         (Some((center, radius)), None) => {
             let slope = |x: f64| t.profile.crossings(places[1], x, 0.0).first().copied();
             let c = center[places[0]];
-            let (Some(at), Some(next)) = (slope(c), slope(c + 1.0)) else { return Vec::new() };
+            let (Some(at), Some(next)) = (slope(c), slope(c + 1.0)) else {
+                return Vec::new();
+            };
             let tilted = point_of([(shared, radius), (other[1], radius * (next - at)), (other[0], 0.0)]);
             let flat = point_of([(shared, 0.0), (other[1], 0.0), (other[0], radius)]);
             vec![Meeting {
@@ -369,7 +415,11 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
         }
         (Some((c1, r1)), Some((c2, r2))) => {
             let (a, b) = (c1[places[0]], c2[places[1]]);
-            let center = point_of([(shared, a), (other[0], c1[1 - places[0]]), (other[1], c2[1 - places[1]])]);
+            let center = point_of([
+                (shared, a),
+                (other[0], c1[1 - places[0]]),
+                (other[1], c2[1 - places[1]]),
+            ]);
             if (a - b).abs() < tolerance && (r1 - r2).abs() < tolerance {
                 let flat = point_of([(shared, r1), (other[0], 0.0), (other[1], 0.0)]);
                 return [-1.0, 1.0]
@@ -421,8 +471,15 @@ impl Curve3 {
             } => {
                 let half = (range[1] - range[0]) / 2.0;
                 // 1 ∓ cos without cancellation: distances from both ends of the range.
-                let (from_lo, from_hi) = (2.0 * half * (t / 2.0).sin().powi(2), 2.0 * half * (t / 2.0).cos().powi(2));
-                let x = if from_lo < from_hi { range[0] + from_lo } else { range[1] - from_hi };
+                let (from_lo, from_hi) = (
+                    2.0 * half * (t / 2.0).sin().powi(2),
+                    2.0 * half * (t / 2.0).cos().powi(2),
+                );
+                let x = if from_lo < from_hi {
+                    range[0] + from_lo
+                } else {
+                    range[1] - from_hi
+                };
                 let mut p = [0.0; 3];
                 p[*shared] = x;
                 for (drawn, sign) in [(first, signs[0]), (second, signs[1])] {
@@ -449,7 +506,9 @@ impl Curve3 {
             Self::Line { origin, direction } => dot(sub(p, *origin), *direction),
             Self::Ellipse { center, a, b } => {
                 let d = sub(p, *center);
-                (dot(d, *b) / dot(*b, *b)).atan2(dot(d, *a) / dot(*a, *a)).rem_euclid(TAU)
+                (dot(d, *b) / dot(*b, *b))
+                    .atan2(dot(d, *a) / dot(*a, *a))
+                    .rem_euclid(TAU)
             }
             Self::Branch { shared, range, .. } => {
                 let half = (range[1] - range[0]) / 2.0;
