@@ -53,11 +53,6 @@ impl<'a> Cells<'a> {
         Ok(cells)
     }
 
-    /// How many atoms there are.
-    pub(crate) fn atoms(&self) -> usize {
-        self.parent.len()
-    }
-
     fn root(&mut self, mut atom: u32) -> u32 {
         while self.parent[atom as usize] != atom {
             let up = self.parent[self.parent[atom as usize] as usize];

@@ -5,14 +5,13 @@
 use super::cells::Cells;
 use super::column::SurfaceId;
 use super::profile::Profile;
-use crate::brep::{Curve, Surface, along};
+use crate::brep::{Surface, along};
 use planish_estimate::vector3::norm;
 use std::f64::consts::TAU;
 
 /// A surface drawn out along an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drawn {
-    pub(super) id: SurfaceId,
     /// The axes of the profile's coordinates, and the one along which it is drawn out.
     axes: [usize; 3],
     profile: Profile,
@@ -26,7 +25,6 @@ impl Drawn {
             SurfaceId::Grid(axis, index) => {
                 let offset = cells.plan.grid[axis][index];
                 Self {
-                    id,
                     axes: [axis, (axis + 1) % 3, (axis + 2) % 3],
                     profile: Profile::Line {
                         normal: [1.0, 0.0],
@@ -38,7 +36,6 @@ impl Drawn {
             SurfaceId::Carrier(view, carrier) => {
                 let view = &cells.plan.views[view];
                 Self {
-                    id,
                     axes: view.kind.axes(),
                     profile: view.carriers[carrier].profile,
                     plane: None,
