@@ -63,7 +63,7 @@ pub struct Solutions {
     pub solutions: Vec<Solution>,
     /// Whether there are no others.
     pub complete: bool,
-    /// Lines that none of them explains.
+    /// Lines that none of them explains: always empty where there are solutions.
     pub unexplained: Vec<Unexplained>,
     /// Why assignments of cells gave no solid.
     pub rejected: Vec<String>,
@@ -97,6 +97,10 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
             why: format!("{what} at {:.4} {:.4}", place.at[0], place.at[1]),
         });
     }
+    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
+    if !solutions.unexplained.is_empty() {
+        return Err(Error::undetermined(inconsistent(&solutions.unexplained)));
+    }
     for assignment in &found.assignments {
         match solution(&cells, assignment) {
             Ok(solution) => solutions.solutions.push(solution),
@@ -105,14 +109,28 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     }
     solutions.solutions.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     if solutions.solutions.is_empty() {
-        let first = solutions.unexplained.first().map(|u| {
-            let entity = u.entity.as_deref().unwrap_or("a missing line");
-            format!("{} view, {entity}: {}", u.view.name(), u.why)
-        });
-        let why = first.or(solutions.rejected.first().cloned()).unwrap_or_default();
+        let why = solutions.rejected.first().cloned().unwrap_or_default();
         return Err(Error::undetermined(format!("no solid has these views: {why}")));
     }
     Ok(solutions)
+}
+
+/// Names the first few lines that no solid explains.
+fn inconsistent(unexplained: &[Unexplained]) -> String {
+    const NAMED: usize = 4;
+    let named: Vec<String> = unexplained
+        .iter()
+        .take(NAMED)
+        .map(|u| {
+            let entity = u.entity.as_deref().unwrap_or("a missing line");
+            format!("{} view, {entity}: {}", u.view.name(), u.why)
+        })
+        .collect();
+    let more = match unexplained.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        n => format!("; and {n} more"),
+    };
+    format!("no solid has these views: {}{more}", named.join("; "))
 }
 
 fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {
