@@ -54,6 +54,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Say where to measure next, so that a model becomes better known
     Next(NextArgs),
+    /// Turn two or three views of a drawing into solids
+    Solid(SolidArgs),
     /// Make measurements whose truth is known
     Simulate(SimulateArgs),
 }
@@ -384,6 +386,33 @@ pub struct CompareArgs {
     /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const SOLID_EXAMPLES: &str = "\
+Examples:
+  planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf -o bracket.step
+  planish solid front.dxf top.dxf -o part.step --all --json
+
+The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
+in one frame, to one scale. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are left out. Faces are
+planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
+
+/// Arguments of `planish solid`.
+#[derive(Debug, Args)]
+#[command(after_help = SOLID_EXAMPLES)]
+pub struct SolidArgs {
+    /// The front, top and side view as DXF files, in this order; the side view may be left out
+    #[arg(value_name = "VIEW.dxf", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
+    pub views: Vec<PathBuf>,
+    /// Write the best solid: .step or .stp (repeatable)
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
+    #[arg(long)]
+    pub all: bool,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

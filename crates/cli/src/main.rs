@@ -16,6 +16,7 @@ mod progress;
 mod report;
 mod sense;
 mod simulate;
+mod solid;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Contour(args) => contour::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Next(args) => next::run(&args),
+        Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     ExitCode::from(outcome)

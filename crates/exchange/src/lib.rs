@@ -13,6 +13,7 @@
 //! | [`e57`] | E57 | several scans with poses in |
 //! | [`npy`] | NPY, NPZ | points and organised points in |
 //! | [`depth`] | PNG, TIFF, NPY | depth images in, with the [`calibration`] of their camera |
+//! | [`dxf`] | DXF, ASCII | curves of drawings in |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
 //! | [`raster`] | TIFF, NPY | numbers of every pixel out |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
@@ -28,6 +29,7 @@
 pub mod calibration;
 pub mod contours;
 pub mod depth;
+pub mod dxf;
 pub mod e57;
 pub mod geotiff;
 pub mod glb;

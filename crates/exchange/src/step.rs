@@ -16,6 +16,7 @@
 
 mod brep;
 mod part21;
+mod solid;
 #[cfg(test)]
 mod tests;
 
@@ -23,6 +24,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use planish_estimate::{Error, Result};
+use planish_solid::brep::Solid;
 
 pub use brep::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use part21::{Id, Part21, integers, reals, text};
@@ -76,10 +78,33 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
     }
     brep.check(options.uncertainty)
         .map_err(|e| e.in_context(path.display()))?;
-    write_packed(path, |mut writer| write_to(&mut writer, brep, options))
+    write_packed(path, |mut writer| write_to(&mut writer, Shape::Splines(brep), options))
 }
 
-fn write_to(writer: &mut impl Write, brep: &Brep, options: &StepOptions) -> io::Result<()> {
+/// Writes a solid on analytic surfaces.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) where [`Solid::check`] finds it wrong within 100 times the uncertainty;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<()> {
+    if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
+        let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
+        return Err(Error::input(message));
+    }
+    solid
+        .check(100.0 * options.uncertainty)
+        .map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| write_to(&mut writer, Shape::Solid(solid), options))
+}
+
+/// What a file holds.
+#[derive(Clone, Copy)]
+enum Shape<'a> {
+    Splines(&'a Brep),
+    Solid(&'a Solid),
+}
+
+fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::Result<()> {
     let (schema, protocol, year, context) = match options.schema {
         Schema::Ap214 => (
             "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }",
@@ -122,22 +147,47 @@ fn write_to(writer: &mut impl Write, brep: &Brep, options: &StepOptions) -> io::
 
     let geometry_context = write_context(&mut out, options)?;
     let placement = write_placement(&mut out)?;
-    let shell = write_shell(&mut out, brep)?;
-    let representation = if brep.closed {
-        let solid = out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})"))?;
-        out.add(format_args!(
-            "ADVANCED_BREP_SHAPE_REPRESENTATION({name},({placement},{solid}),{geometry_context})"
-        ))?
-    } else {
-        let model = out.add(format_args!("SHELL_BASED_SURFACE_MODEL({name},({shell}))"))?;
-        out.add(format_args!(
-            "MANIFOLD_SURFACE_SHAPE_REPRESENTATION({name},({placement},{model}),{geometry_context})"
-        ))?
+    let (item, is_solid) = write_item(&mut out, what, &name)?;
+    let kind = match is_solid {
+        true => "ADVANCED_BREP_SHAPE_REPRESENTATION",
+        false => "MANIFOLD_SURFACE_SHAPE_REPRESENTATION",
     };
+    let representation = out.add(format_args!("{kind}({name},({placement},{item}),{geometry_context})"))?;
     out.add(format_args!(
         "SHAPE_DEFINITION_REPRESENTATION({shape},{representation})"
     ))?;
     writeln!(writer, "ENDSEC;\nEND-ISO-10303-21;")
+}
+
+/// The shape itself, and whether it is a solid.
+fn write_item<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Result<(Id, bool)> {
+    match what {
+        Shape::Splines(brep) => {
+            let shell = write_shell(out, brep)?;
+            let item = match brep.closed {
+                true => out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})"))?,
+                false => out.add(format_args!("SHELL_BASED_SURFACE_MODEL({name},({shell}))"))?,
+            };
+            Ok((item, brep.closed))
+        }
+        Shape::Solid(solid) => {
+            let shells = solid::write_shells(out, solid)?;
+            let Some((outer, voids)) = shells.split_first() else {
+                return Err(io::Error::other("a solid without faces"));
+            };
+            if voids.is_empty() {
+                return Ok((out.add(format_args!("MANIFOLD_SOLID_BREP({name},{outer})"))?, true));
+            }
+            let mut oriented = Vec::with_capacity(voids.len());
+            for void in voids {
+                oriented.push(out.add(format_args!("ORIENTED_CLOSED_SHELL('',*,{void},.T.)"))?);
+            }
+            Ok((
+                out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?,
+                true,
+            ))
+        }
+    }
 }
 
 /// Units and uncertainty.

@@ -21,6 +21,7 @@ pub mod propagate;
 pub mod saved;
 pub mod sense;
 pub mod simulate;
+pub mod solid;
 pub mod stream;
 #[cfg(test)]
 mod test_support;

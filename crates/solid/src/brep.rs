@@ -1,1 +1,115 @@
 //! Solids as faces on analytic surfaces.
+//!
+//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: whether they fit together ([`Solid::check`]), and volume, area and
+//! centroid by the divergence theorem ([`Solid::measures`]).
+
+mod check;
+mod geometry;
+mod measures;
+
+pub(crate) use geometry::unit;
+pub use geometry::{Curve, Surface};
+pub use measures::Measures;
+pub(crate) use planish_estimate::vector3::add_scaled as along;
+
+/// An edge between two vertices (or from one back to it).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Edge {
+    /// Where it runs.
+    pub curve: Curve,
+    /// The curve's parameters at its ends, ascending.
+    pub range: [f64; 2],
+    /// The vertex at the first parameter.
+    pub start: usize,
+    /// The vertex at the second.
+    pub end: usize,
+}
+
+/// A use of an edge by a loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Coedge {
+    /// The edge's index.
+    pub edge: usize,
+    /// Whether the loop runs along the curve.
+    pub forward: bool,
+}
+
+/// A face: a part of a surface within loops.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Face {
+    /// Where it lies.
+    pub surface: Surface,
+    /// Whether the surface's normal points out of the solid.
+    pub outward: bool,
+    /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the first loop of others is the outer one.
+    pub loops: Vec<Vec<Coedge>>,
+}
+
+/// A solid by its boundary.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Solid {
+    /// Points where edges meet.
+    pub vertices: Vec<[f64; 3]>,
+    /// Edges between them, each used by two loops.
+    pub edges: Vec<Edge>,
+    /// Faces.
+    pub faces: Vec<Face>,
+}
+
+impl Solid {
+    /// The vertices from which and to which a coedge runs.
+    #[must_use]
+    pub fn ends(&self, coedge: Coedge) -> [usize; 2] {
+        let edge = &self.edges[coedge.edge];
+        match coedge.forward {
+            true => [edge.start, edge.end],
+            false => [edge.end, edge.start],
+        }
+    }
+
+    /// Faces by the kind of their surface: planes, cylinders.
+    #[must_use]
+    pub fn faces_by_kind(&self) -> [usize; 2] {
+        let planes = self
+            .faces
+            .iter()
+            .filter(|f| matches!(f.surface, Surface::Plane { .. }))
+            .count();
+        [planes, self.faces.len() - planes]
+    }
+
+    /// Faces that hang together, by index.
+    #[must_use]
+    pub fn shells(&self) -> Vec<Vec<usize>> {
+        let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
+        for (index, face) in self.faces.iter().enumerate() {
+            for coedge in face.loops.iter().flatten() {
+                faces_of[coedge.edge].push(index);
+            }
+        }
+        let mut shell_of = vec![usize::MAX; self.faces.len()];
+        let mut shells: Vec<Vec<usize>> = Vec::new();
+        for first in 0..self.faces.len() {
+            if shell_of[first] != usize::MAX {
+                continue;
+            }
+            let mut open = vec![first];
+            shell_of[first] = shells.len();
+            let mut shell = Vec::new();
+            while let Some(face) = open.pop() {
+                shell.push(face);
+                for coedge in self.faces[face].loops.iter().flatten() {
+                    for &next in &faces_of[coedge.edge] {
+                        if shell_of[next] == usize::MAX {
+                            shell_of[next] = shells.len();
+                            open.push(next);
+                        }
+                    }
+                }
+            }
+            shell.sort_unstable();
+            shells.push(shell);
+        }
+        shells
+    }
+}

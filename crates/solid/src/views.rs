@@ -1,1 +1,162 @@
-//! Solids from their orthographic views.
+//! Every solid that two or three orthographic views can mean.
+//!
+//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
+//! best first, and the lines that none of them explains.
+//!
+//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
+//! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
+//! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
+//! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
+//!    Smooth (tangent) edges are no edges here, as in drafting.
+//! 5. `boundary`: the faces of what is solid, as large as they can be.
+//!
+//! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
+//!
+//! # References
+//! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
+
+mod boundary;
+mod cells;
+mod column;
+mod drawing;
+mod plan;
+mod profile;
+mod search;
+mod sight;
+mod surfaces;
+#[cfg(test)]
+mod tests;
+
+use crate::brep::{Measures, Solid};
+pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
+use planish_estimate::{Error, Result};
+
+/// Solids are made of so many assignments at most.
+pub const MOST_SOLUTIONS: usize = 32;
+
+/// A solid that the views can mean.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// The solid.
+    pub solid: Solid,
+    /// What it measures.
+    pub measures: Measures,
+    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
+    pub cost: f64,
+}
+
+/// A line that no solid explains.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unexplained {
+    /// The view.
+    pub view: ViewKind,
+    /// The entity; none where a line is missing.
+    pub entity: Option<String>,
+    /// What is wrong, and where.
+    pub why: String,
+}
+
+/// What a drawing can mean.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Solutions {
+    /// Solids, best first.
+    pub solutions: Vec<Solution>,
+    /// Whether there are no others.
+    pub complete: bool,
+    /// Lines that none of them explains: always empty where there are solutions.
+    pub unexplained: Vec<Unexplained>,
+    /// Why assignments of cells gave no solid.
+    pub rejected: Vec<String>,
+}
+
+/// Finds every solid whose views are the drawing.
+///
+/// # Errors
+/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where no solid
+/// was found, naming lines that none explains.
+pub fn solve(drawing: &Drawing) -> Result<Solutions> {
+    check(drawing)?;
+    let plan = plan::Plan::of(drawing);
+    let cells = cells::Cells::of(&plan)?;
+    let looks = sight::Looks::at(&cells, drawing);
+    let found = search::search(&cells, &looks, MOST_SOLUTIONS);
+    let mut solutions = Solutions {
+        complete: found.complete,
+        ..Solutions::default()
+    };
+    for (style, place) in &found.unexplained {
+        let view = &drawing.views[place.view];
+        let what = match style {
+            Some(LineStyle::Visible) => "no solid shows a visible line",
+            Some(LineStyle::Hidden) => "no solid shows a hidden line",
+            None => "every solid shows a line, and none is drawn,",
+        };
+        solutions.unexplained.push(Unexplained {
+            view: view.kind,
+            entity: place.curve.map(|c| view.curves[c].entity.clone()),
+            why: format!("{what} at {:.4} {:.4}", place.at[0], place.at[1]),
+        });
+    }
+    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
+    if !solutions.unexplained.is_empty() {
+        return Err(Error::undetermined(inconsistent(&solutions.unexplained)));
+    }
+    for assignment in &found.assignments {
+        match solution(&cells, assignment) {
+            Ok(solution) => solutions.solutions.push(solution),
+            Err(e) => solutions.rejected.push(e.to_string()),
+        }
+    }
+    solutions.solutions.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    if solutions.solutions.is_empty() {
+        let why = solutions.rejected.first().cloned().unwrap_or_default();
+        return Err(Error::undetermined(format!("no solid has these views: {why}")));
+    }
+    Ok(solutions)
+}
+
+/// Names the first few lines that no solid explains.
+fn inconsistent(unexplained: &[Unexplained]) -> String {
+    const NAMED: usize = 4;
+    let named: Vec<String> = unexplained
+        .iter()
+        .take(NAMED)
+        .map(|u| {
+            let entity = u.entity.as_deref().unwrap_or("a missing line");
+            format!("{} view, {entity}: {}", u.view.name(), u.why)
+        })
+        .collect();
+    let more = match unexplained.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        n => format!("; and {n} more"),
+    };
+    format!("no solid has these views: {}{more}", named.join("; "))
+}
+
+fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {
+    let solid = boundary::boundary(cells, assignment)?;
+    solid.check(1e-5 * cells.plan.size)?;
+    let measures = solid.measures();
+    let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
+    Ok(Solution {
+        cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,
+        solid,
+        measures,
+    })
+}
+
+fn check(drawing: &Drawing) -> Result<()> {
+    if drawing.views.len() < 2 {
+        return Err(Error::input(format!(
+            "needed two or three views, found {}: one view leaves the third dimension open",
+            drawing.views.len()
+        )));
+    }
+    match drawing.views.iter().find(|v| v.curves.is_empty()) {
+        Some(view) => Err(Error::input(format!(
+            "the {} view: needed lines, found none",
+            view.kind.name()
+        ))),
+        None => Ok(()),
+    }
+}

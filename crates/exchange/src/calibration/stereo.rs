@@ -223,7 +223,7 @@ mod tests {
         let e = parse(&format!("{text}dofs = 2\n")).unwrap_err().to_string();
         assert!(e.contains("line 6") && e.contains("doffs"), "{e}");
         let e = parse(&text.replace("160", "-160")).unwrap_err().to_string();
-        assert!(e.contains("above 0 for baseline, found -160"), "{e}");
+        assert!(e.contains("for baseline, found -160"), "{e}");
         let e = parse("f = 1\n").unwrap_err().to_string();
         assert!(
             e.contains("missing field `cx`") && e.contains("need f cx cy baseline"),

@@ -1,0 +1,226 @@
+//! Entities: what a record of `ENTITIES` draws.
+
+use super::groups::Record;
+use planish_estimate::{Error, Result};
+use planish_solid::views::Curve2;
+use std::f64::consts::TAU;
+
+/// Points along an ellipse or a spline's span.
+const CHAIN: usize = 48;
+
+/// The curves of an entity; none where its kind draws no edges.
+pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
+    let turned = record.number(230)?.is_some_and(|z| z < 0.0);
+    let flat = record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() < 1e-9;
+    let curves = match record.kind.as_str() {
+        "LINE" => vec![Curve2::Segment(point(record, 10)?, point(record, 11)?)],
+        "CIRCLE" => vec![arc(record, 0.0, 360.0)?],
+        "ARC" => {
+            let (from, to) = (record.needed(50, "a start angle")?, record.needed(51, "an end angle")?);
+            vec![arc(record, from, to)?]
+        }
+        "ELLIPSE" => vec![ellipse(record)?],
+        "LWPOLYLINE" => polyline(record)?,
+        "SPLINE" => vec![spline(record)?],
+        _ => return Ok(None),
+    };
+    if !flat {
+        return Err(Error::input(
+            "needed an entity in the xy plane, found another extrusion direction",
+        ));
+    }
+    // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are in world coordinates.
+    let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
+    Ok(Some(match turned && planar {
+        true => curves.into_iter().map(mirrored).collect(),
+        false => curves,
+    }))
+}
+
+fn mirrored(curve: Curve2) -> Curve2 {
+    let flip = |p: [f64; 2]| [-p[0], p[1]];
+    match curve {
+        Curve2::Segment(a, b) => Curve2::Segment(flip(a), flip(b)),
+        Curve2::Arc {
+            center,
+            radius,
+            start,
+            sweep,
+        } => Curve2::Arc {
+            center: flip(center),
+            radius,
+            start: TAU / 2.0 - start - sweep,
+            sweep,
+        },
+        Curve2::Chain(points) => Curve2::Chain(points.into_iter().map(flip).collect()),
+    }
+}
+
+fn point(record: &Record, code: i32) -> Result<[f64; 2]> {
+    Ok([record.needed(code, "an x")?, record.needed(code + 10, "a y")?])
+}
+
+fn points(record: &Record, code: i32) -> Result<Vec<[f64; 2]>> {
+    let mut found = Vec::new();
+    let mut x = None;
+    for group in &record.groups {
+        if group.code == code {
+            x = Some(group.number()?);
+        } else if group.code == code + 10
+            && let Some(x) = x.take()
+        {
+            found.push([x, group.number()?]);
+        }
+    }
+    Ok(found)
+}
+
+fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
+    record
+        .groups
+        .iter()
+        .filter(|g| g.code == code)
+        .map(|g| g.number())
+        .collect()
+}
+
+fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
+    let radius = record.needed(40, "a radius")?;
+    if radius <= 0.0 {
+        return Err(Error::input(format!("needed a radius > 0, found {radius}")));
+    }
+    let sweep = (to - from).rem_euclid(360.0);
+    Ok(Curve2::Arc {
+        center: point(record, 10)?,
+        radius,
+        start: from.to_radians(),
+        sweep: if sweep < 1e-9 { TAU } else { sweep.to_radians() },
+    })
+}
+
+fn ellipse(record: &Record) -> Result<Curve2> {
+    let (center, major) = (point(record, 10)?, point(record, 11)?);
+    let ratio = record.needed(40, "a ratio of the axes")?;
+    let from = record.number(41)?.unwrap_or(0.0);
+    let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
+    let sweep = if sweep < 1e-9 { TAU } else { sweep };
+    let turned = if record.number(230)?.is_some_and(|z| z < 0.0) {
+        -1.0
+    } else {
+        1.0
+    };
+    let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
+    Ok(Curve2::Chain(
+        (0..=CHAIN)
+            .map(|k| {
+                let (s, c) = (from + sweep * k as f64 / CHAIN as f64).sin_cos();
+                [0, 1].map(|a| center[a] + c * major[a] + s * minor[a])
+            })
+            .collect(),
+    ))
+}
+
+fn polyline(record: &Record) -> Result<Vec<Curve2>> {
+    let vertices = points(record, 10)?;
+    let mut bulges = Vec::new();
+    for group in &record.groups {
+        match group.code {
+            10 => bulges.push(0.0),
+            42 => {
+                if let Some(last) = bulges.last_mut() {
+                    *last = group.number()?;
+                }
+            }
+            _ => {}
+        }
+    }
+    let n = vertices.len();
+    let closed = record.number(70)?.unwrap_or(0.0) as i64 & 1 == 1;
+    let spans = if closed { n } else { n.saturating_sub(1) };
+    Ok((0..spans)
+        .map(|k| {
+            span(
+                vertices[k],
+                vertices[(k + 1) % n],
+                bulges.get(k).copied().unwrap_or(0.0),
+            )
+        })
+        .collect())
+}
+
+/// A span with bulge `b = tan(θ/4)`, θ the angle of its arc.
+fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
+    if bulge == 0.0 {
+        return Curve2::Segment(a, b);
+    }
+    let chord = [b[0] - a[0], b[1] - a[1]];
+    let off = (1.0 - bulge * bulge) / (4.0 * bulge);
+    let center = [
+        (a[0] + b[0]) / 2.0 - chord[1] * off,
+        (a[1] + b[1]) / 2.0 + chord[0] * off,
+    ];
+    let begin = if bulge > 0.0 { a } else { b };
+    Curve2::Arc {
+        center,
+        radius: (a[0] - center[0]).hypot(a[1] - center[1]),
+        start: (begin[1] - center[1]).atan2(begin[0] - center[0]),
+        sweep: 4.0 * bulge.abs().atan(),
+    }
+}
+
+/// A spline: its fit points where it has them, else de Boor's algorithm on its control points.
+fn spline(record: &Record) -> Result<Curve2> {
+    let fit = points(record, 11)?;
+    if fit.len() >= 2 {
+        return Ok(Curve2::Chain(fit));
+    }
+    let poles = points(record, 10)?;
+    let knots = numbers(record, 40)?;
+    let weights = numbers(record, 41)?;
+    let degree = record.needed(71, "a degree")? as usize;
+    let ascending = knots.windows(2).all(|k| k[0] <= k[1]);
+    if !(1..=15).contains(&degree) || poles.len() <= degree || knots.len() != poles.len() + degree + 1 || !ascending {
+        return Err(Error::input(format!(
+            "needed ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
+            poles.len(),
+            knots.len()
+        )));
+    }
+    let mut chain = Vec::new();
+    for j in degree..poles.len() {
+        if knots[j + 1] <= knots[j] {
+            continue;
+        }
+        for k in 0..8 {
+            chain.push(de_boor(
+                &poles,
+                &knots,
+                &weights,
+                degree,
+                j,
+                knots[j] + (knots[j + 1] - knots[j]) * k as f64 / 8.0,
+            ));
+        }
+    }
+    chain.extend(poles.last());
+    Ok(Curve2::Chain(chain))
+}
+
+fn de_boor(poles: &[[f64; 2]], knots: &[f64], weights: &[f64], degree: usize, span: usize, t: f64) -> [f64; 2] {
+    let mut d: Vec<[f64; 3]> = (0..=degree)
+        .map(|i| {
+            let at = span - degree + i;
+            let w = weights.get(at).copied().filter(|w| *w > 0.0).unwrap_or(1.0);
+            [poles[at][0] * w, poles[at][1] * w, w]
+        })
+        .collect();
+    for r in 1..=degree {
+        for i in (r..=degree).rev() {
+            let (from, to) = (knots[span - degree + i], knots[span + 1 + i - r]);
+            let a = if to > from { (t - from) / (to - from) } else { 0.0 };
+            d[i] = std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]);
+        }
+    }
+    let [x, y, w] = d[degree];
+    [x / w, y / w]
+}

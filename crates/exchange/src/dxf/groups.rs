@@ -1,0 +1,152 @@
+//! Group codes: pairs of lines, gathered to records that begin with code 0.
+
+use crate::source::Source;
+use planish_estimate::{Error, Result};
+use std::io::Read;
+
+/// More groups than this in one record are damage.
+const MOST_GROUPS: usize = 2_000_000;
+
+/// A code and its value.
+pub(super) struct Group {
+    pub(super) code: i32,
+    pub(super) value: String,
+    /// The line of the value, from 1.
+    pub(super) line: u64,
+}
+
+/// What begins with a group of code 0, and the groups up to the next.
+pub(super) struct Record {
+    pub(super) kind: String,
+    pub(super) line: u64,
+    pub(super) groups: Vec<Group>,
+}
+
+impl Record {
+    /// The value of the first group of a code.
+    pub(super) fn text(&self, code: i32) -> Option<&str> {
+        self.groups.iter().find(|g| g.code == code).map(|g| g.value.as_str())
+    }
+
+    /// The number of the first group of a code.
+    pub(super) fn number(&self, code: i32) -> Result<Option<f64>> {
+        self.groups
+            .iter()
+            .find(|g| g.code == code)
+            .map(Group::number)
+            .transpose()
+    }
+
+    /// The number of a code that must be there.
+    pub(super) fn needed(&self, code: i32, what: &str) -> Result<f64> {
+        self.number(code)?
+            .ok_or_else(|| Error::input(format!("needed {what} (group {code}), found none")))
+    }
+
+    /// The entity in words: kind, handle, line.
+    pub(super) fn name(&self) -> String {
+        match self.text(5) {
+            Some(handle) => format!("{} {handle} (line {})", self.kind, self.line),
+            None => format!("{} (line {})", self.kind, self.line),
+        }
+    }
+}
+
+impl Group {
+    pub(super) fn number(&self) -> Result<f64> {
+        self.value
+            .parse()
+            .ok()
+            .filter(|x: &f64| x.is_finite() && x.abs() < 1e15)
+            .ok_or_else(|| {
+                let found: String = self.value.chars().take(40).collect();
+                Error::input(format!(
+                    "line {}: needed a number (group {}), found `{found}`",
+                    self.line, self.code
+                ))
+            })
+    }
+}
+
+/// Records of a file, one after the other.
+pub(super) struct Groups<'a, R> {
+    source: &'a mut Source<R>,
+    line: u64,
+    ahead: Option<Group>,
+}
+
+impl<'a, R: Read> Groups<'a, R> {
+    pub(super) fn new(source: &'a mut Source<R>) -> Self {
+        Self {
+            source,
+            line: 0,
+            ahead: None,
+        }
+    }
+
+    fn next_line(&mut self) -> Result<Option<String>> {
+        let line = self
+            .source
+            .line()?
+            .map(|l| String::from_utf8_lossy(l).trim().to_owned());
+        self.line += u64::from(line.is_some());
+        Ok(line)
+    }
+
+    fn next_group(&mut self) -> Result<Option<Group>> {
+        if let Some(group) = self.ahead.take() {
+            return Ok(Some(group));
+        }
+        let Some(code) = self.next_line()? else { return Ok(None) };
+        let at = self.line;
+        let Ok(code) = code.parse::<i32>() else {
+            if code.is_empty() {
+                return Ok(None);
+            }
+            let found: String = code.chars().take(40).collect();
+            return Err(Error::input(format!(
+                "line {at}: needed a DXF group code (a whole number), found `{found}`: is it an ASCII DXF?"
+            )));
+        };
+        let Some(value) = self.next_line()? else {
+            return Err(Error::input(format!(
+                "line {at}: the file ends after group code {code}, before its value"
+            )));
+        };
+        Ok(Some(Group {
+            code,
+            value,
+            line: self.line,
+        }))
+    }
+
+    /// The next record; what comes before the first code 0 is passed over.
+    pub(super) fn next_record(&mut self) -> Result<Option<Record>> {
+        let first = loop {
+            match self.next_group()? {
+                None => return Ok(None),
+                Some(group) if group.code == 0 => break group,
+                Some(_) => {}
+            }
+        };
+        let mut record = Record {
+            kind: first.value,
+            line: first.line,
+            groups: Vec::new(),
+        };
+        while let Some(group) = self.next_group()? {
+            if group.code == 0 {
+                self.ahead = Some(group);
+                break;
+            }
+            if record.groups.len() >= MOST_GROUPS {
+                return Err(Error::input(format!(
+                    "line {}: one entity has too many groups",
+                    group.line
+                )));
+            }
+            record.groups.push(group);
+        }
+        Ok(Some(record))
+    }
+}

@@ -1,0 +1,283 @@
+//! `planish solid`: every solid that two or three views can mean, written as STEP.
+//!
+//! Comes in: DXF files, one a view. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
+//! them explains.
+
+use crate::output::refuse_input_as_output;
+use crate::progress::Progress;
+use planish_estimate::{Error, Result};
+use planish_exchange::dxf::read_dxf;
+use planish_exchange::step::{StepOptions, write_solid};
+use planish_exchange::{Unit, check_writable, extension};
+use planish_solid::brep::Solid;
+use planish_solid::views::{Drawing, View, ViewKind, solve};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Vertices, edges and faces of a STEP file meet within this share of a millimetre.
+const UNCERTAINTY_MM: f64 = 1e-5;
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SolidJob {
+    /// DXF files of the front, top and side view, in this order; the side view may be left out.
+    pub views: Vec<PathBuf>,
+    /// STEP files to write.
+    pub outputs: Vec<PathBuf>,
+    /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
+    pub all: bool,
+    /// The unit where no file names it.
+    pub unit: Option<Unit>,
+}
+
+/// Faces by the kind of their surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct FaceCounts {
+    /// Planes.
+    pub plane: usize,
+    /// Cylinders.
+    pub cylinder: usize,
+    /// Cones.
+    pub cone: usize,
+    /// Spheres.
+    pub sphere: usize,
+    /// Tori.
+    pub torus: usize,
+    /// All others.
+    pub freeform: usize,
+}
+
+/// A solid that the views can mean.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RankedSolid {
+    /// From 1, best first.
+    pub rank: usize,
+    /// The first file that it was written to.
+    pub file: Option<String>,
+    /// Its volume, in the unit to the third power.
+    pub volume: f64,
+    /// The area of its faces.
+    pub area: f64,
+    /// Its faces.
+    pub faces: FaceCounts,
+    /// What it is ranked by.
+    pub cost: f64,
+}
+
+/// A line that no solid explains.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct UnexplainedLine {
+    /// `front`, `top` or `side`.
+    pub view: &'static str,
+    /// The entity by kind, handle and line of the file; none where a line is missing.
+    pub entity: Option<String>,
+    /// What is wrong, and where in the view.
+    pub why: String,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SolidReport {
+    /// Solids, best first.
+    pub solutions: Vec<RankedSolid>,
+    /// Whether there are no others.
+    pub complete: bool,
+    /// Lines that none of them explains.
+    pub unexplained: Vec<UnexplainedLine>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+    /// The unit of all lengths.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// Files that were written.
+    #[serde(skip)]
+    pub written: Vec<PathBuf>,
+}
+
+/// Reads views, finds solids, writes them.
+///
+/// # Errors
+/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where no solid has these views; `Io` for file trouble.
+pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
+    plan(job)?;
+    progress.check("reading", 0.0)?;
+    let mut warnings = Vec::new();
+    let (drawing, unit) = read(job, &mut warnings)?;
+    progress.check("searching", 0.1)?;
+    let found = solve(&drawing)?;
+    if !found.complete {
+        warnings.push(format!(
+            "there may be more solids than the {} that were looked at: a further view or hidden lines would tell them apart",
+            found.solutions.len()
+        ));
+    }
+    if !found.unexplained.is_empty() {
+        let first = &found.unexplained[0];
+        let entity = first.entity.as_deref().unwrap_or("a missing line");
+        warnings.push(format!(
+            "{} places of the drawing fit no solid; the first: {} view, {entity}: {}",
+            found.unexplained.len(),
+            first.view.name(),
+            first.why
+        ));
+    }
+    let mut solutions = Vec::new();
+    let mut written = Vec::new();
+    for (index, solution) in found.solutions.iter().enumerate() {
+        progress.check(crate::progress::WRITING_STAGE, 0.9)?;
+        let mut file = None;
+        for output in job.outputs.iter().filter(|_| index == 0 || job.all) {
+            let path = if job.all {
+                numbered(output, index + 1)
+            } else {
+                output.clone()
+            };
+            write_solid(&path, &solution.solid, &options(output, unit))?;
+            file.get_or_insert(path.display().to_string());
+            written.push(path);
+        }
+        solutions.push(RankedSolid {
+            rank: index + 1,
+            file,
+            volume: solution.measures.volume,
+            area: solution.measures.area,
+            faces: counts(&solution.solid),
+            cost: solution.cost,
+        });
+    }
+    Ok(SolidReport {
+        solutions,
+        complete: found.complete,
+        unexplained: found
+            .unexplained
+            .into_iter()
+            .map(|u| UnexplainedLine {
+                view: u.view.name(),
+                entity: u.entity,
+                why: u.why,
+            })
+            .collect(),
+        warnings,
+        unit,
+        written,
+    })
+}
+
+fn options(output: &Path, unit: Unit) -> StepOptions {
+    StepOptions {
+        name: output.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        unit,
+        uncertainty: UNCERTAINTY_MM / unit.millimetres(),
+        ..StepOptions::default()
+    }
+}
+
+fn counts(solid: &Solid) -> FaceCounts {
+    let [plane, cylinder] = solid.faces_by_kind();
+    FaceCounts {
+        plane,
+        cylinder,
+        cone: 0,
+        sphere: 0,
+        torus: 0,
+        freeform: 0,
+    }
+}
+
+/// `part.step` becomes `part.2.step`.
+fn numbered(path: &Path, rank: usize) -> PathBuf {
+    path.with_extension(format!("{rank}.{}", extension(path)))
+}
+
+fn plan(job: &SolidJob) -> Result<()> {
+    if !(2..=3).contains(&job.views.len()) {
+        return Err(Error::input(format!(
+            "needed DXF files of the front, top and side view, in this order (the side may be left out), found {}",
+            job.views.len()
+        )));
+    }
+    for output in &job.outputs {
+        if !matches!(extension(output).as_str(), "step" | "stp") {
+            return Err(Error::unsupported(format!(
+                "{}: solids are written as .step or .stp",
+                output.display()
+            )));
+        }
+        refuse_input_as_output(output, &job.views)?;
+        check_writable(output)?;
+    }
+    Ok(())
+}
+
+fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
+    let mut drawing = Drawing::default();
+    let mut unit = None;
+    for (path, kind) in job.views.iter().zip(ViewKind::ALL) {
+        let found = read_dxf(path)?;
+        let name = path.display();
+        if found.curves.is_empty() {
+            return Err(Error::input(format!(
+                "{name}: needed lines, arcs or circles of the {} view, found none",
+                kind.name()
+            )));
+        }
+        if let (Some(a), Some(b)) = (unit, found.unit)
+            && a != b
+        {
+            return Err(Error::input(format!(
+                "{name}: is in {b}, and a view before it in {a}: needed one unit"
+            )));
+        }
+        unit = unit.or(found.unit);
+        for (kind, count) in &found.passed_over {
+            warnings.push(format!("{name}: passed over {count} of {kind}: it draws no edges"));
+        }
+        warnings.extend(found.warnings.iter().map(|w| format!("{name}: {w}")));
+        drawing.views.push(View {
+            kind,
+            curves: found.curves,
+        });
+    }
+    check_extents(&drawing, &job.views)?;
+    Ok((drawing, unit.or(job.unit).unwrap_or(Unit::Millimetre)))
+}
+
+/// Views that share an axis must span the same range of it.
+fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
+    let mut seen: [Option<([f64; 2], usize)>; 3] = [None; 3];
+    for (index, view) in drawing.views.iter().enumerate() {
+        for k in 0..2 {
+            let axis = view.kind.axes()[k];
+            let mut range = [f64::MAX, f64::MIN];
+            let mut ends = ["", ""];
+            for drawn in &view.curves {
+                for p in drawn.curve.points() {
+                    if p[k] < range[0] {
+                        (range[0], ends[0]) = (p[k], &drawn.entity);
+                    }
+                    if p[k] > range[1] {
+                        (range[1], ends[1]) = (p[k], &drawn.entity);
+                    }
+                }
+            }
+            let Some((first, other)) = seen[axis] else {
+                seen[axis] = Some((range, index));
+                continue;
+            };
+            let size = (first[1] - first[0]).max(range[1] - range[0]);
+            if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
+                return Err(Error::input(format!(
+                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}: needed views of one scale in one frame",
+                    paths[index].display(),
+                    ends[end],
+                    ["x", "y", "z"][axis],
+                    range[end],
+                    drawing.views[other].kind.name(),
+                    paths[other].display(),
+                    first[end]
+                )));
+            }
+        }
+    }
+    Ok(())
+}

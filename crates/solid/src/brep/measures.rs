@@ -1,0 +1,153 @@
+//! Volume, area and centroid by the divergence theorem.
+//!
+//! `3 V = ∮ p · n dA`, and over a face `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green). On planes and cylinders the integrands
+//! are polynomials in v, so that F is exact; along edges Gauss–Legendre of ten points on pieces of at most 15°.
+
+use super::{Coedge, Face, Solid, Surface};
+use planish_estimate::vector3::{dot, sub};
+use std::f64::consts::PI;
+
+/// What a solid measures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measures {
+    /// Its volume.
+    pub volume: f64,
+    /// The area of its faces.
+    pub area: f64,
+    /// Its centre of volume.
+    pub centroid: [f64; 3],
+}
+
+/// Nodes on (−1, 1) and weights.
+const GAUSS: [(f64, f64); 10] = [
+    (-0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
+    (-0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
+    (-0.679_409_568_299_024_4, 0.219_086_362_515_982_04),
+    (-0.433_395_394_129_247_2, 0.269_266_719_309_996_35),
+    (-0.148_874_338_981_631_2, 0.295_524_224_714_752_87),
+    (0.148_874_338_981_631_2, 0.295_524_224_714_752_87),
+    (0.433_395_394_129_247_2, 0.269_266_719_309_996_35),
+    (0.679_409_568_299_024_4, 0.219_086_362_515_982_04),
+    (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
+    (0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
+];
+
+impl Solid {
+    /// Volume, area, centroid.
+    #[must_use]
+    pub fn measures(&self) -> Measures {
+        // Near the solid, so that no digits are lost to a far origin.
+        let origin = self.vertices.first().copied().unwrap_or_default();
+        let (mut area, mut flux, mut moments) = (0.0, 0.0, [0.0; 3]);
+        for face in &self.faces {
+            let found = self.integrals(face, origin);
+            area += found[0];
+            flux += found[1];
+            for k in 0..3 {
+                moments[k] += found[2 + k];
+            }
+        }
+        let volume = flux / 3.0;
+        Measures {
+            volume,
+            area,
+            centroid: [0, 1, 2].map(|k| origin[k] + moments[k] / (2.0 * volume)),
+        }
+    }
+
+    /// The volume that some faces enclose; negative for the inside of a void.
+    #[must_use]
+    pub fn volume_of(&self, faces: &[usize]) -> f64 {
+        let origin = self.vertices.first().copied().unwrap_or_default();
+        faces
+            .iter()
+            .map(|f| self.integrals(&self.faces[*f], origin)[1])
+            .sum::<f64>()
+            / 3.0
+    }
+
+    /// Over a face: 1, `p · n`, and `p_k² n_k`, with p from the origin and n outwards.
+    fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
+        let sign = if face.outward { 1.0 } else { -1.0 };
+        let mut sum = [0.0; 5];
+        for coedge in face.loops.iter().flatten() {
+            let along = self.along_edge(face, *coedge, origin);
+            for k in 0..5 {
+                sum[k] += along[k];
+            }
+        }
+        // Loops run as seen from outside: against the surface's own sense where it points inwards.
+        sum[0] *= sign;
+        sum
+    }
+
+    fn along_edge(&self, face: &Face, coedge: Coedge, origin: [f64; 3]) -> [f64; 5] {
+        let edge = &self.edges[coedge.edge];
+        let [from, to] = edge.range;
+        let pieces = match &edge.curve {
+            super::Curve::Line { .. } => 1,
+            super::Curve::Ellipse { .. } => ((to - from) / (PI / 12.0)).ceil().max(1.0) as usize,
+            super::Curve::Spline { points, .. } => points.len() - 1,
+        };
+        let direction = if coedge.forward { 1.0 } else { -1.0 };
+        let half = (to - from) / pieces as f64 / 2.0;
+        let mut sum = [0.0; 5];
+        for piece in 0..pieces {
+            let middle = from + half * (2 * piece + 1) as f64;
+            for (node, weight) in GAUSS {
+                let t = middle + half * node;
+                let (p, d) = (edge.curve.point(t), edge.curve.derivative(t));
+                let found = integrands(&face.surface, p, d, origin);
+                for k in 0..5 {
+                    sum[k] += direction * weight * half * found[k];
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// `−F du/dt` for the five integrands, with the surface's own normal and sense.
+fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
+    let [_, v] = surface.parameters(p);
+    match surface {
+        Surface::Plane {
+            origin: at, normal, x, ..
+        } => {
+            let y = planish_estimate::vector3::cross(*normal, *x);
+            let du = dot(d, *x);
+            let level = dot(sub(*at, origin), *normal);
+            // p_k along v, from v = 0: q + v y.
+            let q = sub(super::along(p, -v, y), origin);
+            let second = |k: usize| normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0);
+            [
+                -v * du,
+                -level * v * du,
+                -second(0) * du,
+                -second(1) * du,
+                -second(2) * du,
+            ]
+        }
+        Surface::Cylinder {
+            origin: at,
+            axis,
+            radius,
+            ..
+        } => {
+            let n = surface.normal(p);
+            // The angle turns by (axis × n) · dp / r, and an element of area is r du dv.
+            let du = dot(d, planish_estimate::vector3::cross(*axis, n));
+            let q = sub(super::along(p, -v, *axis), origin);
+            let level = dot(sub(*at, origin), n) + radius;
+            let second =
+                |k: usize| n[k] * (q[k] * q[k] * v + q[k] * axis[k] * v * v + axis[k] * axis[k] * v * v * v / 3.0);
+            [
+                -v * du,
+                -level * v * du,
+                -second(0) * du,
+                -second(1) * du,
+                -second(2) * du,
+            ]
+        }
+    }
+}

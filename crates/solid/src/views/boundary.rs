@@ -1,0 +1,550 @@
+//! From solid cells to faces.
+//!
+//! Surfaces with a solid on one side only are *used*. Two of them meet along curves, which third ones cut at vertices. Around the middle of each
+//! stretch of a curve stand half-surfaces; those between a solid and an empty sector are boundary, and where two different surfaces bound a
+//! solid sector there is an edge. Edges chain to loops on each surface, loops to faces: everything between edges is one face.
+
+use super::cells::{Cells, pieces_in};
+use super::column::SurfaceId;
+use super::search::Assignment;
+use super::surfaces::{Curve3, Drawn, meetings, triple};
+use crate::brep::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_estimate::{Error, Result};
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::{PI, TAU};
+
+/// Pieces of the cubic spline of a curve between two cylinders.
+const SPLINE_PIECES: usize = 48;
+
+/// A solution while its boundary is made.
+struct Maker<'a> {
+    cells: &'a Cells<'a>,
+    assignment: &'a Assignment,
+    surfaces: Vec<Drawn>,
+    solid: Solid,
+    /// Coedges of each surface and side.
+    coedges: BTreeMap<(usize, bool), Vec<Coedge>>,
+    tolerance: f64,
+}
+
+/// Makes the boundary of what an assignment says is solid.
+///
+/// # Errors
+/// `Input` where the boundary does not close.
+pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> {
+    let mut maker = Maker {
+        cells,
+        assignment,
+        surfaces: Vec::new(),
+        solid: Solid::default(),
+        coedges: BTreeMap::new(),
+        tolerance: 5.0 * cells.plan.tolerance,
+    };
+    maker.surfaces = maker.used().into_iter().map(|id| Drawn::of(cells, id)).collect();
+    maker.make_edges();
+    maker.make_faces()?;
+    Ok(maker.solid)
+}
+
+impl Maker<'_> {
+    fn is_solid(&self, p: [f64; 3]) -> bool {
+        self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
+    }
+
+    /// Surfaces with different states on their sides anywhere.
+    fn used(&self) -> BTreeSet<SurfaceId> {
+        let plan = self.cells.plan;
+        let n = [0, 1, 2].map(|a| plan.intervals(a));
+        let mut used = BTreeSet::new();
+        let step = 1e-6 * plan.size;
+        for i in 0..n[0] {
+            for j in 0..n[1] {
+                for k in 0..n[2] {
+                    let cell = [i, j, k];
+                    let lo = [0, 1, 2].map(|a| plan.grid[a][cell[a]]);
+                    let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
+                    let at = |shares: [f64; 3]| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * shares[a]);
+                    let plain = (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+                    let samples: &[f64] = if plain {
+                        &[0.47]
+                    } else {
+                        &[0.03, 0.21, 0.47, 0.79, 0.96]
+                    };
+                    for axis in (0..3).filter(|a| cell[*a] > 0) {
+                        let id = SurfaceId::Grid(axis, cell[axis]);
+                        if used.contains(&id) {
+                            continue;
+                        }
+                        for s in samples {
+                            for t in samples {
+                                let mut shares = [*s; 3];
+                                shares[(axis + 1) % 3] = *t;
+                                shares[axis] = 0.0;
+                                let mut p = at(shares);
+                                p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
+                                let here = self.is_solid(p);
+                                p[axis] = lo[axis] - step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
+                                if here != self.is_solid(p) {
+                                    used.insert(id);
+                                }
+                            }
+                        }
+                    }
+                    for v in 0..plan.views.len() {
+                        let axes = plan.views[v].kind.axes();
+                        for &piece in pieces_in(plan, v, cell) {
+                            let found = &plan.views[v].pieces[piece as usize];
+                            let id = SurfaceId::Carrier(v, found.carrier);
+                            let profile = plan.views[v].profile(piece);
+                            for s in [0.07, 0.31, 0.53, 0.71, 0.94] {
+                                let m = profile.point(found.from + (found.to - found.from) * s);
+                                let normal = profile.normal(m);
+                                for t in samples {
+                                    let side = |sign: f64| {
+                                        let mut p = at([*t; 3]);
+                                        p[axes[0]] = m[0] + sign * step * normal[0];
+                                        p[axes[1]] = m[1] + sign * step * normal[1];
+                                        self.is_solid(p)
+                                    };
+                                    if !used.contains(&id) && side(1.0) != side(-1.0) {
+                                        used.insert(id);
+                                    }
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        used
+    }
+
+    fn make_edges(&mut self) {
+        let n = self.surfaces.len();
+        let bounds = [0, 1, 2].map(|a| {
+            let grid = &self.cells.plan.grid[a];
+            [grid[0], grid[grid.len() - 1]]
+        });
+        for s in 0..n {
+            for t in s + 1..n {
+                for meeting in meetings(&self.surfaces[s], &self.surfaces[t], self.tolerance) {
+                    let mut points = meeting.ends.clone();
+                    for u in (0..n).filter(|u| *u != s && *u != t) {
+                        points.extend(triple(
+                            [&self.surfaces[s], &self.surfaces[t], &self.surfaces[u]],
+                            self.tolerance,
+                        ));
+                    }
+                    points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
+                    self.cut(&meeting.curve, points, [s, t]);
+                }
+            }
+        }
+    }
+
+    /// Cuts a curve at points and keeps the stretches that are edges.
+    fn cut(&mut self, curve: &Curve3, points: Vec<[f64; 3]>, pair: [usize; 2]) {
+        let near = self.tolerance;
+        let mut cuts: Vec<(f64, [f64; 3])> = Vec::new();
+        for p in points {
+            let Some(t) = curve.parameter(p, near) else { continue };
+            if !cuts.iter().any(|c| norm(sub(c.1, p)) < 20.0 * near) {
+                cuts.push((t, p));
+            }
+        }
+        cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let closed = matches!(curve, Curve3::Ellipse { .. });
+        if closed && cuts.is_empty() {
+            self.add_stretch(curve, [0.0, TAU], None, pair);
+            return;
+        }
+        for k in 0..cuts.len() {
+            let (from, p) = cuts[k];
+            match cuts.get(k + 1) {
+                Some((to, q)) => self.add_stretch(curve, [from, *to], Some([p, *q]), pair),
+                None if closed => self.add_stretch(curve, [from, cuts[0].0 + TAU], Some([p, cuts[0].1]), pair),
+                None => {}
+            }
+        }
+    }
+
+    fn add_stretch(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[[f64; 3]; 2]>, pair: [usize; 2]) {
+        let middle = (range[0] + range[1]) / 2.0;
+        let m = curve.point(middle);
+        let h = 1e-4 * (range[1] - range[0]);
+        let tangent = unit(sub(curve.point(middle + h), curve.point(middle - h)));
+        let step = 1e-5 * self.cells.plan.size;
+        let halves = self.halves(m, tangent, step);
+        let count = halves.len();
+        if count < 2 {
+            return;
+        }
+        let (e1, e2) = planish_estimate::vector3::tangents(tangent);
+        let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
+            true => (e1, e2),
+            false => (e2, e1),
+        };
+        let at = |angle: f64| along(along(m, step * angle.cos(), e1), step * angle.sin(), e2);
+        let states: Vec<bool> = (0..count)
+            .map(|k| {
+                let next = halves[(k + 1) % count].0 + if k + 1 == count { TAU } else { 0.0 };
+                self.is_solid(at((halves[k].0 + next) / 2.0))
+            })
+            .collect();
+        // Solid runs of sectors, each between two half-surfaces.
+        for first in 0..count {
+            if !states[first] || states[(first + count - 1) % count] {
+                continue;
+            }
+            let mut last = first;
+            while states[(last + 1) % count] {
+                last += 1;
+            }
+            let (a, b) = (halves[first], halves[(last + 1) % count]);
+            let is_pair = [a.1, b.1] == pair || [b.1, a.1] == pair;
+            if a.1 == b.1 || !is_pair {
+                continue;
+            }
+            let edge = self.add_edge(curve, range, ends);
+            for (half, begins) in [(a, true), (b, false)] {
+                let (sin, cos) = half.0.sin_cos();
+                let w = along(along([0.0; 3], cos, e1), sin, e2);
+                let outward = if begins { cross(w, tangent) } else { cross(tangent, w) };
+                let same = dot(outward, self.surfaces[half.1].normal(m)) > 0.0;
+                self.coedges
+                    .entry((half.1, same))
+                    .or_default()
+                    .push(Coedge { edge, forward: !begins });
+            }
+        }
+    }
+
+    /// Half-surfaces around a point of a curve: angle and surface, ascending.
+    fn halves(&self, m: [f64; 3], tangent: [f64; 3], step: f64) -> Vec<(f64, usize)> {
+        let (e1, e2) = planish_estimate::vector3::tangents(tangent);
+        let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
+            true => (e1, e2),
+            false => (e2, e1),
+        };
+        let mut halves = Vec::new();
+        for (index, surface) in self.surfaces.iter().enumerate() {
+            if surface.value(m).abs() > 2.0 * self.tolerance {
+                continue;
+            }
+            let across = cross(tangent, surface.normal(m));
+            if norm(across) < 1e-6 {
+                continue;
+            }
+            for sign in [-1.0, 1.0] {
+                let mut p = along(m, sign * step, unit(across));
+                for _ in 0..3 {
+                    p = along(p, -surface.value(p), surface.normal(p));
+                }
+                let d = sub(p, m);
+                halves.push((dot(d, e2).atan2(dot(d, e1)), index));
+            }
+        }
+        halves.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        halves
+    }
+
+    fn vertex(&mut self, p: [f64; 3]) -> usize {
+        let near = 40.0 * self.tolerance;
+        match self.solid.vertices.iter().position(|v| norm(sub(*v, p)) < near) {
+            Some(found) => found,
+            None => {
+                self.solid.vertices.push(p);
+                self.solid.vertices.len() - 1
+            }
+        }
+    }
+
+    fn add_edge(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> usize {
+        let [start, end] = match ends {
+            Some([p, q]) => [self.vertex(p), self.vertex(q)],
+            None => [self.vertex(curve.point(range[0])); 2],
+        };
+        let (curve, range) = match curve {
+            Curve3::Line { origin, direction } => (
+                Curve::Line {
+                    origin: *origin,
+                    direction: *direction,
+                },
+                range,
+            ),
+            Curve3::Ellipse { center, a, b } => match norm(*a) >= norm(*b) * (1.0 - 1e-12) {
+                true => (
+                    Curve::Ellipse {
+                        center: *center,
+                        a: *a,
+                        b: *b,
+                    },
+                    range,
+                ),
+                // t = s + π/2 turns (a, b) into (b, −a).
+                false => (
+                    Curve::Ellipse {
+                        center: *center,
+                        a: *b,
+                        b: a.map(|c| -c),
+                    },
+                    range.map(|t| t - PI / 2.0),
+                ),
+            },
+            Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
+        };
+        self.solid.edges.push(Edge {
+            curve,
+            range,
+            start,
+            end,
+        });
+        self.solid.edges.len() - 1
+    }
+
+    fn make_faces(&mut self) -> Result<()> {
+        let coedges = std::mem::take(&mut self.coedges);
+        for ((index, outward), uses) in coedges {
+            let surface = self.surfaces[index].surface();
+            let loops = self.loops(&surface, outward, uses)?;
+            for loops in faces(&self.solid, &surface, outward, loops) {
+                self.solid.faces.push(Face {
+                    surface,
+                    outward,
+                    loops,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Chains coedges: where several go on from a vertex, the one that leaves the narrowest corner of face.
+    fn loops(&self, surface: &Surface, outward: bool, mut uses: Vec<Coedge>) -> Result<Vec<Vec<Coedge>>> {
+        let mut loops = Vec::new();
+        while let Some(first) = uses.pop() {
+            let mut ring = vec![first];
+            loop {
+                let last = ring[ring.len() - 1];
+                let at = self.solid.ends(last)[1];
+                if at == self.solid.ends(first)[0]
+                    && self.next(surface, outward, last, at, &uses, Some(first)).is_none()
+                {
+                    break;
+                }
+                let Some(next) = self.next(surface, outward, last, at, &uses, None) else {
+                    let p = self.solid.vertices[at];
+                    return Err(Error::input(format!(
+                        "the boundary does not close at {:.4} {:.4} {:.4} on a {}",
+                        p[0],
+                        p[1],
+                        p[2],
+                        surface.kind()
+                    )));
+                };
+                ring.push(uses.swap_remove(next));
+            }
+            loops.push(ring);
+        }
+        Ok(loops)
+    }
+
+    /// The best continuation at a vertex; none where `closing` is at least as good.
+    fn next(
+        &self,
+        surface: &Surface,
+        outward: bool,
+        last: Coedge,
+        at: usize,
+        uses: &[Coedge],
+        closing: Option<Coedge>,
+    ) -> Option<usize> {
+        let p = self.solid.vertices[at];
+        let n = surface.normal(p).map(|c| if outward { c } else { -c });
+        let away = |coedge: Coedge, from_start: bool| {
+            let edge = &self.solid.edges[coedge.edge];
+            let [lo, hi] = edge.range;
+            let near_lo = coedge.forward == from_start;
+            let t = if near_lo {
+                lo + 0.01 * (hi - lo)
+            } else {
+                hi - 0.01 * (hi - lo)
+            };
+            unit(sub(edge.curve.point(t), p))
+        };
+        let back = away(last, false);
+        let side = cross(n, back);
+        // Clockwise from where the loop came.
+        let turn = |coedge: Coedge| {
+            let d = away(coedge, true);
+            let angle = -dot(d, side).atan2(dot(d, back));
+            if angle <= 1e-9 { angle + TAU } else { angle }
+        };
+        let limit = closing.map_or(f64::MAX, turn);
+        (0..uses.len())
+            .filter(|&k| self.solid.ends(uses[k])[0] == at)
+            .map(|k| (turn(uses[k]), k))
+            .filter(|(angle, _)| *angle < limit)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, k)| k)
+    }
+}
+
+/// A cubic spline through a curve's points with its derivatives.
+fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
+    let n = SPLINE_PIECES;
+    let h = (to - from) / n as f64;
+    let at = |k: usize| from + h * k as f64;
+    let mut points: Vec<[f64; 3]> = (0..=n).map(|k| curve.point(at(k))).collect();
+    points[n] = curve.point(to);
+    // Central differences of fourth order over the analytic continuation: a branch's parameter is an angle, so it goes on beyond its ends.
+    let e = 0.02 * h.abs().max(1e-3);
+    let derivatives = (0..=n)
+        .map(|k| {
+            let t = at(k);
+            let inside = |t: f64| t >= 0.0 && t <= PI;
+            let d = match inside(t - 2.0 * e) && inside(t + 2.0 * e) {
+                true => {
+                    let (a, b, c, d) = (
+                        curve.point(t - 2.0 * e),
+                        curve.point(t - e),
+                        curve.point(t + e),
+                        curve.point(t + 2.0 * e),
+                    );
+                    [0, 1, 2].map(|i| (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * e))
+                }
+                false => {
+                    let s = if t < 1.0 { 1.0 } else { -1.0 };
+                    let q = |m: f64| curve.point(t + s * m * e);
+                    let (a, b, c, d, f) = (q(0.0), q(1.0), q(2.0), q(3.0), q(4.0));
+                    [0, 1, 2]
+                        .map(|i| s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e))
+                }
+            };
+            d.map(|c| c * h)
+        })
+        .collect();
+    Curve::Spline { points, derivatives }
+}
+
+/// A loop in a surface's parameters.
+struct Ring {
+    points: Vec<[f64; 2]>,
+    turns: i32,
+    area: f64,
+}
+
+impl Ring {
+    fn of(solid: &Solid, surface: &Surface, coedges: &[Coedge]) -> Self {
+        let mut points: Vec<[f64; 2]> = Vec::new();
+        let periodic = matches!(surface, Surface::Cylinder { .. });
+        for coedge in coedges {
+            let edge = &solid.edges[coedge.edge];
+            let n = if matches!(edge.curve, Curve::Line { .. }) {
+                1
+            } else {
+                32
+            };
+            for k in 0..n {
+                let share = k as f64 / n as f64;
+                let share = if coedge.forward { share } else { 1.0 - share };
+                let mut q = surface.parameters(
+                    edge.curve
+                        .point(edge.range[0] + (edge.range[1] - edge.range[0]) * share),
+                );
+                if let Some(last) = points.last().filter(|_| periodic) {
+                    q[0] -= TAU * ((q[0] - last[0]) / TAU).round();
+                }
+                points.push(q);
+            }
+        }
+        let mut close = points[0];
+        let last = points[points.len() - 1];
+        let mut turns = 0;
+        if periodic {
+            close[0] -= TAU * ((close[0] - last[0]) / TAU).round();
+            turns = ((close[0] - points[0][0]) / TAU).round() as i32;
+        }
+        points.push(close);
+        let area = points
+            .windows(2)
+            .map(|p| (p[0][0] * p[1][1] - p[1][0] * p[0][1]) / 2.0)
+            .sum();
+        Self { points, turns, area }
+    }
+
+    /// Heights above a point at which the ring crosses its u.
+    fn above(&self, u: f64, v: f64, periodic: bool) -> Option<f64> {
+        let mut best: Option<f64> = None;
+        for p in self.points.windows(2) {
+            let shifts: Vec<f64> = match periodic {
+                true => (-3..=3).map(|k| f64::from(k) * TAU).collect(),
+                false => vec![0.0],
+            };
+            for shift in shifts {
+                let (a, b) = (p[0][0] + shift, p[1][0] + shift);
+                if (a <= u) == (b <= u) {
+                    continue;
+                }
+                let at = p[0][1] + (p[1][1] - p[0][1]) * (u - a) / (b - a);
+                if at > v && best.is_none_or(|best| at < best) {
+                    best = Some(at);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// Gathers loops to faces: what is seen from a hole's top, straight up within the surface, belongs to the same face.
+fn faces(solid: &Solid, surface: &Surface, outward: bool, loops: Vec<Vec<Coedge>>) -> Vec<Vec<Vec<Coedge>>> {
+    let rings: Vec<Ring> = loops.iter().map(|l| Ring::of(solid, surface, l)).collect();
+    let periodic = matches!(surface, Surface::Cylinder { .. });
+    let sense = if outward { 1.0 } else { -1.0 };
+    let mut face_of: Vec<usize> = (0..loops.len()).collect();
+    for (index, ring) in rings.iter().enumerate() {
+        let is_outer = ring.turns == 0 && ring.area * sense > 0.0;
+        // Loops around the axis that bound from below look up as well.
+        let is_upper = ring.turns != 0 && f64::from(ring.turns) * sense < 0.0;
+        if is_outer || is_upper {
+            continue;
+        }
+        // The middle of the segment that reaches highest: never a corner.
+        let top = ring
+            .points
+            .windows(2)
+            .filter(|p| (p[0][0] - p[1][0]).abs() > 1e-9)
+            .max_by(|p, q| (p[0][1] + p[1][1]).total_cmp(&(q[0][1] + q[1][1])));
+        let Some(top) = top else { continue };
+        let share = 0.4871;
+        let u = top[0][0] + share * (top[1][0] - top[0][0]);
+        let v = top[0][1] + share * (top[1][1] - top[0][1]);
+        let small = 1e-9 * (1.0 + v.abs());
+        let seen = rings
+            .iter()
+            .enumerate()
+            .filter(|(other, _)| *other != index)
+            .filter_map(|(other, r)| r.above(u, v + small, periodic).map(|at| (at, other)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, other)) = seen {
+            let (from, to) = (face_of[index], face_of[other]);
+            for face in &mut face_of {
+                if *face == from {
+                    *face = to;
+                }
+            }
+        }
+    }
+    let mut grouped: BTreeMap<usize, Vec<(bool, Vec<Coedge>)>> = BTreeMap::new();
+    for (index, ring) in loops.into_iter().enumerate() {
+        let is_hole = rings[index].turns == 0 && rings[index].area * sense < 0.0;
+        grouped.entry(face_of[index]).or_default().push((is_hole, ring));
+    }
+    grouped
+        .into_values()
+        .map(|mut loops| {
+            loops.sort_by_key(|l| l.0);
+            loops.into_iter().map(|l| l.1).collect()
+        })
+        .collect()
+}

@@ -1,0 +1,180 @@
+//! Cells: the parts into which the drawing's lines cut space, each wholly solid or wholly empty.
+//!
+//! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of them. Where a view shows no line,
+//! nothing separates the atoms on both sides of its grid line: they are one cell (union–find).
+
+use super::plan::Plan;
+use planish_estimate::{Error, Result};
+
+/// More atoms than this are refused.
+const MOST_ATOMS: usize = 8_000_000;
+
+/// Space, cut up.
+pub(crate) struct Cells<'a> {
+    pub(crate) plan: &'a Plan,
+    first: Vec<u32>,
+    parent: Vec<u32>,
+}
+
+impl<'a> Cells<'a> {
+    /// Cuts space and joins what no line separates.
+    ///
+    /// # Errors
+    /// `Unsupported` where there are too many atoms.
+    pub(crate) fn of(plan: &'a Plan) -> Result<Self> {
+        let n = [0, 1, 2].map(|a| plan.intervals(a));
+        let mut first = Vec::with_capacity(n[0] * n[1] * n[2] + 1);
+        let mut total = 0_usize;
+        for i in 0..n[0] {
+            for j in 0..n[1] {
+                for k in 0..n[2] {
+                    first.push(total as u32);
+                    let cuts: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    total += 1_usize << cuts.min(24);
+                    if total > MOST_ATOMS {
+                        return Err(Error::unsupported(format!(
+                            "the drawing cuts space into more than {MOST_ATOMS} parts: needed a simpler drawing"
+                        )));
+                    }
+                }
+            }
+        }
+        let mut cells = Self {
+            plan,
+            first,
+            parent: (0..total as u32).collect(),
+        };
+        for axis in 0..3 {
+            cells.join_across(axis);
+        }
+        for atom in 0..total as u32 {
+            cells.parent[atom as usize] = cells.root(atom);
+        }
+        Ok(cells)
+    }
+
+    fn root(&mut self, mut atom: u32) -> u32 {
+        while self.parent[atom as usize] != atom {
+            let up = self.parent[self.parent[atom as usize] as usize];
+            self.parent[atom as usize] = up;
+            atom = up;
+        }
+        atom
+    }
+
+    fn atom(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
+        let n = [1, 2].map(|a| self.plan.intervals(a));
+        let mut bits = 0;
+        let mut place = 0;
+        for (v, view) in self.plan.views.iter().enumerate() {
+            let axes = view.kind.axes();
+            let q = [p[axes[0]], p[axes[1]]];
+            for &piece in pieces_in(self.plan, v, cell) {
+                bits |= u32::from(view.profile(piece).value(q) > 0.0) << place;
+                place += 1;
+            }
+        }
+        self.first[(cell[0] * n[0] + cell[1]) * n[1] + cell[2]] + bits
+    }
+
+    /// The box of the grid that a point lies in.
+    pub(crate) fn box_of(&self, p: [f64; 3]) -> [usize; 3] {
+        [0, 1, 2].map(|a| self.plan.interval(a, p[a]))
+    }
+
+    /// The cell of a point, by a number that all of its points share.
+    pub(crate) fn at(&self, p: [f64; 3]) -> u32 {
+        self.parent[self.atom(self.box_of(p), p) as usize]
+    }
+
+    /// The cell of a point whose box is known.
+    pub(crate) fn at_in(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
+        self.parent[self.atom(cell, p) as usize]
+    }
+
+    /// Joins atoms on both sides of the grid planes across an axis, where a view that sees the plane edge-on draws nothing.
+    fn join_across(&mut self, axis: usize) {
+        let plan = self.plan;
+        let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::of(plan, v, axis)).collect();
+        let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
+        for at in 1..plan.grid[axis].len() - 1 {
+            for i in 0..plan.intervals(a) {
+                for j in 0..plan.intervals(b) {
+                    let mut before = [0; 3];
+                    (before[axis], before[a], before[b]) = (at - 1, i, j);
+                    let mut behind = before;
+                    behind[axis] = at;
+                    let hidden = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
+                    if !hidden || drawn.is_empty() {
+                        self.join(before, behind, axis, at, [a, b]);
+                    }
+                }
+            }
+        }
+    }
+
+    fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
+        let plan = self.plan;
+        let plain = |cell| (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+        let n = if plain(before) && plain(behind) { 1 } else { 9 };
+        let value = plan.grid[axis][at];
+        for s in 0..n {
+            for t in 0..n {
+                let mut p = [0.0; 3];
+                for (other, cell, k) in [(a, before[a], s), (b, before[b], t)] {
+                    let (lo, hi) = (plan.grid[other][cell], plan.grid[other][cell + 1]);
+                    p[other] = lo + (hi - lo) * (f64::from(k) + 0.487) / f64::from(n);
+                }
+                let nudge = |cell: usize| 1e-7 * (plan.grid[axis][cell + 1] - plan.grid[axis][cell]);
+                p[axis] = value - nudge(at - 1);
+                let first = self.atom(before, p);
+                p[axis] = value + nudge(at);
+                let second = self.atom(behind, p);
+                let (first, second) = (self.root(first), self.root(second));
+                // The least is the root, so that numbers do not depend on the order.
+                let (least, other) = (first.min(second), first.max(second));
+                self.parent[other as usize] = least;
+            }
+        }
+    }
+}
+
+/// The pieces of a view that cut a box.
+pub(crate) fn pieces_in(plan: &Plan, view: usize, cell: [usize; 3]) -> &[u32] {
+    let axes = plan.views[view].kind.axes();
+    plan.views[view].pieces_of([cell[axes[0]], cell[axes[1]]], plan.intervals(axes[1]))
+}
+
+/// Where a view draws along the grid lines of one axis.
+struct Drawn {
+    /// The axis along which the lines run.
+    other: usize,
+    covered: Vec<Vec<bool>>,
+}
+
+impl Drawn {
+    /// None where the view does not see planes across the axis edge-on.
+    fn of(plan: &Plan, view: usize, axis: usize) -> Option<Self> {
+        let view = &plan.views[view];
+        let axes = view.kind.axes();
+        let k = (0..2).find(|&k| axes[k] == axis)?;
+        let other = axes[1 - k];
+        let covered = view.lines[k]
+            .iter()
+            .map(|runs| {
+                plan.grid[other]
+                    .windows(2)
+                    .map(|g| {
+                        let middle = (g[0] + g[1]) / 2.0;
+                        runs.iter().any(|r| r.from <= middle && middle <= r.to)
+                    })
+                    .collect()
+            })
+            .collect();
+        Some(Self { other, covered })
+    }
+
+    fn covers(&self, line: usize, interval: usize) -> bool {
+        self.covered[line][interval]
+    }
+}

@@ -1,0 +1,96 @@
+//! Columns: what a line of sight passes through, cell after cell.
+
+use super::cells::{Cells, pieces_in};
+
+/// Where a line of sight passes from one cell into another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Break {
+    /// How far along, ascending away from the eye.
+    pub(crate) depth: f64,
+    pub(crate) surface: SurfaceId,
+    /// The cell behind.
+    pub(crate) cell: u32,
+}
+
+/// A surface that may bound the solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) enum SurfaceId {
+    /// The plane of a grid line: axis and index.
+    Grid(usize, usize),
+    /// What a carrier of a view draws: the view's and the carrier's index.
+    Carrier(usize, usize),
+}
+
+/// A line of sight in cells: the first is `start`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Column {
+    pub(crate) start: u32,
+    pub(crate) breaks: Vec<Break>,
+}
+
+impl Cells<'_> {
+    /// Follows the line of sight of a view through a point of it.
+    pub(crate) fn column(&self, view: usize, q: [f64; 2]) -> Column {
+        let plan = self.plan;
+        let kind = plan.views[view].kind;
+        let [right, up, along] = kind.axes();
+        let mut cell = [0; 3];
+        cell[right] = plan.interval(right, q[0]);
+        cell[up] = plan.interval(up, q[1]);
+        let mut p = [0.0; 3];
+        (p[right], p[up]) = (q[0], q[1]);
+        let count = plan.intervals(along);
+        let mut sequence: Vec<(f64, SurfaceId, u32)> = Vec::new();
+        let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
+        for k in 0..count {
+            cell[along] = k;
+            let (lo, hi) = (plan.grid[along][k], plan.grid[along][k + 1]);
+            cuts.clear();
+            for v in (0..plan.views.len()).filter(|v| *v != view) {
+                let other = &plan.views[v];
+                let axes = other.kind.axes();
+                let known = usize::from(axes[0] == along);
+                let value = p[axes[known]];
+                for &piece in pieces_in(plan, v, cell) {
+                    for depth in other.profile(piece).crossings(known, value, 0.0) {
+                        if depth > lo && depth < hi {
+                            cuts.push((depth, SurfaceId::Carrier(v, other.pieces[piece as usize].carrier)));
+                        }
+                    }
+                }
+            }
+            cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let mut from = (lo, SurfaceId::Grid(along, k));
+            for n in 0..=cuts.len() {
+                let to = cuts.get(n).map_or(hi, |c| c.0);
+                p[along] = (from.0 + to) / 2.0;
+                sequence.push((from.0, from.1, self.at_in(cell, p)));
+                if let Some(cut) = cuts.get(n) {
+                    from = *cut;
+                }
+            }
+        }
+        if !kind.nearest_is_least() {
+            // Seen from the other end: a break lies where its cell ends.
+            let mut turned = Vec::with_capacity(sequence.len());
+            for n in (0..sequence.len()).rev() {
+                let (depth, surface) = match sequence.get(n + 1) {
+                    Some(next) => (-next.0, next.1),
+                    None => (f64::MIN, SurfaceId::Grid(along, count)),
+                };
+                turned.push((depth, surface, sequence[n].2));
+            }
+            sequence = turned;
+        }
+        let start = sequence[0].2;
+        let mut last = start;
+        let mut breaks = Vec::new();
+        for (depth, surface, cell) in sequence.into_iter().skip(1) {
+            if cell != last {
+                breaks.push(Break { depth, surface, cell });
+                last = cell;
+            }
+        }
+        Column { start, breaks }
+    }
+}

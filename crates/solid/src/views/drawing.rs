@@ -1,0 +1,138 @@
+//! What a drawing holds: curves of a style in up to three views, in the model's coordinates.
+
+use std::f64::consts::TAU;
+
+/// From where a view is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ViewKind {
+    /// From −y: x to the right, z up.
+    Front,
+    /// From +z: x to the right, y up.
+    Top,
+    /// From +x: y to the right, z up.
+    Side,
+}
+
+impl ViewKind {
+    /// All of them: front, top, side.
+    pub const ALL: [Self; 3] = [Self::Front, Self::Top, Self::Side];
+
+    /// The axes that run right, up, and along the line of sight.
+    #[must_use]
+    pub fn axes(self) -> [usize; 3] {
+        match self {
+            Self::Front => [0, 2, 1],
+            Self::Top => [0, 1, 2],
+            Self::Side => [1, 2, 0],
+        }
+    }
+
+    /// Whether what is nearest to the eye has the smallest coordinate along the line of sight.
+    #[must_use]
+    pub fn nearest_is_least(self) -> bool {
+        self == Self::Front
+    }
+
+    /// Its name in messages and JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Top => "top",
+            Self::Side => "side",
+        }
+    }
+}
+
+/// How a line is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum LineStyle {
+    /// What the eye sees.
+    Visible,
+    /// What lies behind something.
+    Hidden,
+}
+
+/// A curve in a view.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Curve2 {
+    /// A straight line between two points.
+    Segment([f64; 2], [f64; 2]),
+    /// A part of a circle, counter-clockwise; angles in radians.
+    Arc {
+        /// Its centre.
+        center: [f64; 2],
+        /// Its radius, > 0.
+        radius: f64,
+        /// The angle at which it begins.
+        start: f64,
+        /// How far it runs, in (0, 2π].
+        sweep: f64,
+    },
+    /// Any other curve, by points along it: the images of edges between curved faces.
+    Chain(Vec<[f64; 2]>),
+}
+
+impl Curve2 {
+    /// Points along the curve, from its start to its end; a segment's ends, an arc's points every few degrees.
+    #[must_use]
+    pub fn points(&self) -> Vec<[f64; 2]> {
+        match self {
+            Self::Segment(a, b) => vec![*a, *b],
+            Self::Arc {
+                center,
+                radius,
+                start,
+                sweep,
+            } => {
+                let n = ((sweep / TAU * 96.0).ceil() as usize).max(4);
+                (0..=n)
+                    .map(|k| {
+                        let angle = start + sweep * k as f64 / n as f64;
+                        [center[0] + radius * angle.cos(), center[1] + radius * angle.sin()]
+                    })
+                    .collect()
+            }
+            Self::Chain(points) => points.clone(),
+        }
+    }
+
+    /// Its length, by its points.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        let points = self.points();
+        points.windows(2).map(|p| distance(p[0], p[1])).sum()
+    }
+}
+
+/// The distance of two points of a view.
+pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// A curve with its style, and what the file calls it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DrawnCurve {
+    /// Where it runs.
+    pub curve: Curve2,
+    /// How it is drawn.
+    pub style: LineStyle,
+    /// The entity in words: its kind, handle or number, and line of the file.
+    pub entity: String,
+}
+
+/// One view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// From where it is seen.
+    pub kind: ViewKind,
+    /// What it shows.
+    pub curves: Vec<DrawnCurve>,
+}
+
+/// Views of one part, in one frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Drawing {
+    /// At most one of each kind.
+    pub views: Vec<View>,
+}

@@ -1,0 +1,538 @@
+//! The plan of a drawing: a grid that all views share, and what is drawn on and between its lines.
+//!
+//! Comes in: a drawing. Goes out: for each axis the coordinates at which anything begins, ends or turns; for each view what is drawn along
+//! grid lines, and the pieces of oblique lines and circles, each from border to border of one cell of the grid.
+
+use super::drawing::{Curve2, Drawing, LineStyle, ViewKind};
+use super::profile::Profile;
+use std::f64::consts::{PI, TAU};
+
+/// A stretch of a line that is drawn in one way, by the entity that draws it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Run {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    pub(crate) style: LineStyle,
+    pub(crate) curve: usize,
+}
+
+/// A piece of a profile within one cell.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Piece {
+    pub(crate) carrier: usize,
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The ranges of both coordinates.
+    pub(crate) range: [[f64; 2]; 2],
+    pub(crate) runs: Vec<Run>,
+}
+
+/// A profile with everything drawn along it.
+#[derive(Debug, Clone)]
+pub(crate) struct Carrier {
+    pub(crate) profile: Profile,
+    pub(crate) runs: Vec<Run>,
+}
+
+/// What one view shows, on the grid.
+#[derive(Debug, Clone)]
+pub(crate) struct ViewPlan {
+    pub(crate) kind: ViewKind,
+    /// Along the lines of the grid: `lines[0][i]` where the first coordinate is the i-th, by the second.
+    pub(crate) lines: [Vec<Vec<Run>>; 2],
+    pub(crate) carriers: Vec<Carrier>,
+    pub(crate) pieces: Vec<Piece>,
+    /// Pieces of each cell, the second coordinate fastest.
+    pub(crate) cells: Vec<Vec<u32>>,
+    /// Curves that no surface seen edge-on draws, by index.
+    pub(crate) others: Vec<usize>,
+}
+
+/// The grid and the views on it.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    /// Grid coordinates of the three axes, ascending; the first and last lie outside of everything.
+    pub(crate) grid: [Vec<f64>; 3],
+    pub(crate) views: Vec<ViewPlan>,
+    pub(crate) size: f64,
+    /// Coordinates nearer than this are one.
+    pub(crate) tolerance: f64,
+}
+
+/// Values that are one within a tolerance, each with a representative.
+struct Cluster {
+    values: Vec<f64>,
+}
+
+impl Cluster {
+    fn of(mut raw: Vec<f64>, tolerance: f64) -> Self {
+        raw.sort_by(f64::total_cmp);
+        let mut values = Vec::new();
+        let mut at = 0;
+        while at < raw.len() {
+            let end = (at + 1..raw.len())
+                .find(|&k| raw[k] - raw[k - 1] > tolerance)
+                .unwrap_or(raw.len());
+            values.push(representative(&raw[at..end]));
+            at = end;
+        }
+        Self { values }
+    }
+
+    fn snap(&self, value: f64, tolerance: f64) -> f64 {
+        let at = self.values.partition_point(|v| *v < value);
+        let near = [at.wrapping_sub(1), at].into_iter().filter_map(|k| self.values.get(k));
+        near.copied()
+            .filter(|v| (v - value).abs() <= 2.0 * tolerance)
+            .min_by(|a, b| (a - value).abs().total_cmp(&(b - value).abs()))
+            .unwrap_or(value)
+    }
+}
+
+/// Of values that mean one: a round one, else one with more than six decimals, else the first.
+fn representative(values: &[f64]) -> f64 {
+    let round = |v: f64| (v * 1e4).round() / 1e4;
+    let nearest = values
+        .iter()
+        .copied()
+        .min_by(|a, b| (a - round(*a)).abs().total_cmp(&(b - round(*b)).abs()));
+    match nearest {
+        Some(v) if (v - round(v)).abs() < 1e-6 => round(v),
+        _ => values
+            .iter()
+            .copied()
+            .find(|v| (v * 1e6 - (v * 1e6).round()).abs() > 1e-3)
+            .or(values.first().copied())
+            .unwrap_or(0.0),
+    }
+}
+
+/// Where a run begins and ends, of a curve that is drawn along a line of the grid or along a profile.
+enum Along {
+    Grid { axis: usize, at: f64 },
+    Profile(Profile),
+    Other,
+}
+
+fn along(curve: &Curve2, tolerance: f64) -> (Along, f64, f64) {
+    match curve {
+        Curve2::Segment(a, b) => {
+            for axis in 0..2 {
+                if (a[axis] - b[axis]).abs() <= tolerance {
+                    let (p, q) = (a[1 - axis], b[1 - axis]);
+                    return (Along::Grid { axis, at: a[axis] }, p.min(q), p.max(q));
+                }
+            }
+            let profile = Profile::line(*a, *b);
+            let (s, t) = (profile.parameter(*a), profile.parameter(*b));
+            (Along::Profile(profile), s.min(t), s.max(t))
+        }
+        Curve2::Arc {
+            center,
+            radius,
+            start,
+            sweep,
+        } => {
+            let profile = Profile::Circle {
+                center: *center,
+                radius: *radius,
+            };
+            (Along::Profile(profile), *start, start + sweep)
+        }
+        Curve2::Chain(_) => (Along::Other, 0.0, 0.0),
+    }
+}
+
+/// Puts runs of angles into `[0, 2π]`, split where they pass 0.
+fn unwrap_angles(run: Run) -> Vec<Run> {
+    if run.to - run.from >= TAU - 1e-9 {
+        return vec![Run {
+            from: 0.0,
+            to: TAU,
+            ..run
+        }];
+    }
+    let from = run.from.rem_euclid(TAU);
+    let to = from + (run.to - run.from);
+    match to > TAU {
+        false => vec![Run { from, to, ..run }],
+        true => vec![
+            Run { from, to: TAU, ..run },
+            Run {
+                from: 0.0,
+                to: to - TAU,
+                ..run
+            },
+        ],
+    }
+}
+
+/// Stretches that are drawn in any way: touching runs become one.
+fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<[f64; 2]> = runs.iter().map(|r| [r.from, r.to]).collect();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut merged: Vec<[f64; 2]> = Vec::new();
+    for run in sorted {
+        match merged.last_mut() {
+            Some(last) if run[0] <= last[1] + gap => last[1] = last[1].max(run[1]),
+            _ => merged.push(run),
+        }
+    }
+    merged
+}
+
+/// The parts of a range that are drawn, visible where both styles are; shorter ones than `least` are left out.
+pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<Run> {
+    let mut cuts: Vec<f64> = runs
+        .iter()
+        .flat_map(|r| [r.from, r.to])
+        .filter(|t| *t > from && *t < to)
+        .collect();
+    cuts.extend([from, to]);
+    cuts.sort_by(f64::total_cmp);
+    let mut found: Vec<Run> = Vec::new();
+    for cut in cuts.windows(2) {
+        let middle = (cut[0] + cut[1]) / 2.0;
+        let Some(best) = runs
+            .iter()
+            .filter(|r| r.from <= middle && middle <= r.to)
+            .min_by_key(|r| r.style)
+        else {
+            continue;
+        };
+        match found.last_mut() {
+            Some(last) if last.style == best.style && last.to >= cut[0] => last.to = cut[1],
+            _ => found.push(Run {
+                from: cut[0],
+                to: cut[1],
+                ..*best
+            }),
+        }
+    }
+    found.retain(|r| r.to - r.from > least);
+    found
+}
+
+impl Plan {
+    /// Lays the drawing on its grid.
+    pub(crate) fn of(drawing: &Drawing) -> Self {
+        let points = || {
+            drawing
+                .views
+                .iter()
+                .flat_map(|v| &v.curves)
+                .flat_map(|c| c.curve.points())
+        };
+        let size = (0..2)
+            .map(|a| {
+                let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
+                hi - lo
+            })
+            .fold(0.0, f64::max);
+        let tolerance = 1e-7 * size + 2e-6;
+        let clusters = clusters(drawing, tolerance);
+        let gap = 1e-5 * size;
+        let mut found: Vec<(ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>)> = Vec::new();
+        for view in &drawing.views {
+            let axes = view.kind.axes();
+            let snap = |k: usize, value: f64| clusters[axes[k]].snap(value, tolerance);
+            let (mut on_grid, mut carriers, mut others) = (Vec::new(), Vec::<Carrier>::new(), Vec::new());
+            // Circles first: short chords that lie on them are no planes.
+            let order = |c: &Curve2| usize::from(!matches!(c, Curve2::Arc { .. }));
+            let mut sorted: Vec<usize> = (0..view.curves.len()).collect();
+            sorted.sort_by_key(|&c| order(&view.curves[c].curve));
+            for index in sorted {
+                let drawn = &view.curves[index];
+                let curve = snapped(&drawn.curve, &snap);
+                let (way, from, to) = along(&curve, tolerance);
+                let run = Run {
+                    from,
+                    to,
+                    style: drawn.style,
+                    curve: index,
+                };
+                match way {
+                    Along::Grid { axis, at } => on_grid.push((axis, at, run)),
+                    Along::Other => {
+                        if !overlay(&mut carriers, &curve, run, 2e-5 * size) {
+                            others.push(index);
+                        }
+                    }
+                    Along::Profile(profile) => {
+                        let is_line = matches!(profile, Profile::Line { .. });
+                        if is_line && overlay(&mut carriers, &curve, run, 2e-5 * size) {
+                            continue;
+                        }
+                        let runs = if is_line { vec![run] } else { unwrap_angles(run) };
+                        match carriers
+                            .iter_mut()
+                            .find(|c| c.profile.same(&profile, 5.0 * tolerance, size))
+                        {
+                            Some(carrier) => carrier.runs.extend(runs),
+                            None => carriers.push(Carrier { profile, runs }),
+                        }
+                    }
+                }
+            }
+            found.push((view.kind, on_grid, carriers, others));
+        }
+        let grid = grid_of(&found, &clusters, size, tolerance, gap);
+        let views = found
+            .into_iter()
+            .map(|(kind, on_grid, carriers, others)| {
+                ViewPlan::of(kind, on_grid, carriers, others, &grid, tolerance, gap)
+            })
+            .collect();
+        Self {
+            grid,
+            views,
+            size,
+            tolerance,
+        }
+    }
+
+    /// The interval of an axis that holds a value.
+    pub(crate) fn interval(&self, axis: usize, value: f64) -> usize {
+        let grid = &self.grid[axis];
+        grid.partition_point(|g| *g < value).clamp(1, grid.len() - 1) - 1
+    }
+
+    /// How many intervals an axis has.
+    pub(crate) fn intervals(&self, axis: usize) -> usize {
+        self.grid[axis].len() - 1
+    }
+}
+
+/// Takes a curve that lies on a circle for a run of it; says whether it does.
+fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -> bool {
+    let mut points = curve.points();
+    if let Curve2::Segment(a, b) = curve {
+        points = vec![*a, [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], *b];
+    }
+    let under = carriers.iter_mut().find(|c| {
+        matches!(c.profile, Profile::Circle { .. }) && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)
+    });
+    let Some(carrier) = under else { return false };
+    let mut angle = carrier.profile.parameter(points[0]);
+    let (mut from, mut to) = (angle, angle);
+    for point in &points[1..] {
+        let turn = carrier.profile.parameter(*point) - angle;
+        angle += turn - TAU * (turn / TAU).round();
+        from = from.min(angle);
+        to = to.max(angle);
+    }
+    carrier.runs.extend(unwrap_angles(Run { from, to, ..run }));
+    true
+}
+
+fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {
+    let both = |p: [f64; 2]| [snap(0, p[0]), snap(1, p[1])];
+    match curve {
+        Curve2::Segment(a, b) => Curve2::Segment(both(*a), both(*b)),
+        Curve2::Arc {
+            center,
+            radius,
+            start,
+            sweep,
+        } => Curve2::Arc {
+            center: both(*center),
+            radius: representative(&[*radius]),
+            start: *start,
+            sweep: *sweep,
+        },
+        Curve2::Chain(points) => Curve2::Chain(points.clone()),
+    }
+}
+
+/// Coordinates of each axis, from segments' ends and circles' centres.
+fn clusters(drawing: &Drawing, tolerance: f64) -> [Cluster; 3] {
+    let mut raw: [Vec<f64>; 3] = Default::default();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            match &drawn.curve {
+                Curve2::Segment(a, b) => {
+                    for k in 0..2 {
+                        raw[axes[k]].extend([a[k], b[k]]);
+                    }
+                }
+                Curve2::Arc { center, radius, .. } => {
+                    for k in 0..2 {
+                        let r = representative(&[*radius]);
+                        let c = representative(&[center[k]]);
+                        raw[axes[k]].extend([c, c - r, c + r]);
+                    }
+                }
+                Curve2::Chain(_) => {}
+            }
+        }
+    }
+    raw.map(|values| Cluster::of(values, tolerance))
+}
+
+type Found = (ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>);
+
+fn grid_of(found: &[Found], clusters: &[Cluster; 3], size: f64, tolerance: f64, gap: f64) -> [Vec<f64>; 3] {
+    let mut grid: [Vec<f64>; 3] = Default::default();
+    for (kind, on_grid, carriers, _) in found {
+        let axes = kind.axes();
+        let mut lines: Vec<(usize, f64)> = on_grid.iter().map(|(a, at, _)| (*a, *at)).collect();
+        lines.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        lines.dedup();
+        for (axis, at) in lines {
+            grid[axes[axis]].push(at);
+            let runs: Vec<Run> = on_grid
+                .iter()
+                .filter(|g| g.0 == axis && g.1 == at)
+                .map(|g| g.2)
+                .collect();
+            for stretch in stretches(&runs, gap) {
+                grid[axes[1 - axis]].extend(stretch);
+            }
+        }
+        for carrier in carriers {
+            let turn = match carrier.profile {
+                Profile::Line { .. } => 1.0,
+                Profile::Circle { radius, .. } => radius,
+            };
+            let all = stretches(&carrier.runs, gap / turn);
+            let circle = matches!(carrier.profile, Profile::Circle { .. });
+            let whole = circle && all.iter().any(|s| s[1] - s[0] > TAU - gap / turn);
+            for [from, to] in all {
+                let mut at = vec![from, to];
+                if circle {
+                    if whole {
+                        at.clear();
+                    }
+                    at.extend(
+                        (0..=4)
+                            .map(|q| f64::from(q) * PI / 2.0)
+                            .filter(|a| *a > from - 1e-6 && *a < to + 1e-6),
+                    );
+                }
+                for t in at {
+                    let p = carrier.profile.point(t);
+                    for k in 0..2 {
+                        grid[axes[k]].push(clusters[axes[k]].snap(p[k], tolerance));
+                    }
+                }
+            }
+        }
+    }
+    grid.map(|values| {
+        let mut values = Cluster::of(values, 5.0 * tolerance).values;
+        let (lo, hi) = (
+            values.first().copied().unwrap_or(0.0),
+            values.last().copied().unwrap_or(0.0),
+        );
+        let margin = 0.1 * size;
+        values.insert(0, lo - margin);
+        values.push(hi + margin);
+        values
+    })
+}
+
+fn nearest(grid: &[f64], value: f64) -> usize {
+    let at = grid.partition_point(|g| *g < value);
+    match at {
+        0 => 0,
+        _ if at == grid.len() || value - grid[at - 1] < grid[at] - value => at - 1,
+        _ => at,
+    }
+}
+
+impl ViewPlan {
+    fn of(
+        kind: ViewKind,
+        on_grid: Vec<(usize, f64, Run)>,
+        carriers: Vec<Carrier>,
+        others: Vec<usize>,
+        grid: &[Vec<f64>; 3],
+        tolerance: f64,
+        gap: f64,
+    ) -> Self {
+        let axes = kind.axes();
+        let mut lines = [0, 1].map(|k| vec![Vec::new(); grid[axes[k]].len()]);
+        for (axis, at, run) in on_grid {
+            lines[axis][nearest(&grid[axes[axis]], at)].push(run);
+        }
+        let sizes = [0, 1].map(|k| grid[axes[k]].len() - 1);
+        let mut plan = Self {
+            kind,
+            lines,
+            carriers,
+            pieces: Vec::new(),
+            cells: vec![Vec::new(); sizes[0] * sizes[1]],
+            others,
+        };
+        for carrier in 0..plan.carriers.len() {
+            plan.cut(carrier, grid, tolerance, gap);
+        }
+        plan
+    }
+
+    /// Cuts a carrier at the lines of the grid.
+    fn cut(&mut self, carrier: usize, grid: &[Vec<f64>; 3], tolerance: f64, gap: f64) {
+        let axes = self.kind.axes();
+        let Carrier { profile, runs } = self.carriers[carrier].clone();
+        let turn = match profile {
+            Profile::Line { .. } => 1.0,
+            Profile::Circle { radius, .. } => radius,
+        };
+        for [from, to] in stretches(&runs, gap / turn) {
+            let mut cuts = vec![from, to];
+            for known in 0..2 {
+                for value in &grid[axes[known]] {
+                    for other in profile.crossings(known, *value, 5.0 * tolerance) {
+                        let p = if known == 0 { [*value, other] } else { [other, *value] };
+                        let t = profile.parameter(p);
+                        let t = if matches!(profile, Profile::Line { .. }) {
+                            t
+                        } else {
+                            t.rem_euclid(TAU)
+                        };
+                        if t > from && t < to {
+                            cuts.push(t);
+                        }
+                    }
+                }
+            }
+            cuts.sort_by(f64::total_cmp);
+            cuts.dedup_by(|b, a| *b - *a < 2.0 * tolerance / turn);
+            for cut in cuts.windows(2) {
+                self.add_piece(carrier, [cut[0], cut[1]], grid, gap / turn);
+            }
+        }
+    }
+
+    fn add_piece(&mut self, carrier: usize, [from, to]: [f64; 2], grid: &[Vec<f64>; 3], least: f64) {
+        let axes = self.kind.axes();
+        let profile = self.carriers[carrier].profile;
+        let middle = profile.point((from + to) / 2.0);
+        let cell = [0, 1].map(|k| {
+            let grid = &grid[axes[k]];
+            grid.partition_point(|g| *g < middle[k]).clamp(1, grid.len() - 1) - 1
+        });
+        let (p, q) = (profile.point(from), profile.point(to));
+        let runs = runs_within(&self.carriers[carrier].runs, from, to, least.min((to - from) / 4.0));
+        let at = cell[0] * (grid[axes[1]].len() - 1) + cell[1];
+        self.cells[at].push(self.pieces.len() as u32);
+        self.pieces.push(Piece {
+            carrier,
+            from,
+            to,
+            range: [0, 1].map(|k| [p[k].min(q[k]), p[k].max(q[k])]),
+            runs,
+        });
+    }
+
+    /// The pieces of a cell.
+    pub(crate) fn pieces_of(&self, cell: [usize; 2], columns: usize) -> &[u32] {
+        &self.cells[cell[0] * columns + cell[1]]
+    }
+
+    /// The profile of a piece.
+    pub(crate) fn profile(&self, piece: u32) -> &Profile {
+        &self.carriers[self.pieces[piece as usize].carrier].profile
+    }
+}

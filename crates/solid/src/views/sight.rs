@@ -1,0 +1,424 @@
+//! Lines of sight along what is drawn, and where something could be drawn but is not.
+//!
+//! At a point of a line, two lines of sight pass on its two sides. Both are followed through the cells; where their depths at the line agree,
+//! a *group* of sectors stands around a line in space. Its sectors' states say whether there is an edge (or an outline): there is none where all
+//! are equal, or where the boundary runs smoothly through. A visible line has an edge in front of all that is solid, a hidden one only behind,
+//! and where nothing is drawn there is none.
+
+use super::cells::{Cells, pieces_in};
+use super::column::{Break, Column, SurfaceId};
+use super::drawing::{Drawing, LineStyle, distance};
+use super::plan::runs_within;
+use std::collections::HashMap;
+
+/// Sectors around a line in space.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct Group {
+    /// Cells around the line, in order.
+    pub(crate) sectors: Vec<u32>,
+    /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
+    pub(crate) smooth: Vec<[u8; 2]>,
+}
+
+/// What two lines of sight on both sides of a point meet, and what is drawn there.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct Look {
+    pub(crate) style: Option<LineStyle>,
+    pub(crate) start: [u32; 2],
+    pub(crate) groups: Vec<Group>,
+}
+
+/// Where a look was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LookPlace {
+    pub(crate) view: usize,
+    pub(crate) at: [f64; 2],
+    /// The curve that is drawn there.
+    pub(crate) curve: Option<usize>,
+}
+
+/// All looks at a drawing, each once, with the places that ask for it.
+pub(crate) struct Looks {
+    pub(crate) looks: Vec<(Look, Vec<LookPlace>)>,
+    seen: HashMap<Look, usize>,
+}
+
+impl Looks {
+    /// Looks at every line, and where a line may be missing.
+    pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
+        let mut looks = Self {
+            looks: Vec::new(),
+            seen: HashMap::new(),
+        };
+        for view in 0..cells.plan.views.len() {
+            looks.along_grid(cells, view);
+            looks.along_pieces(cells, view);
+            looks.at_crossings(cells, drawing, view);
+        }
+        looks
+    }
+
+    fn add(&mut self, cells: &Cells, place: LookPlace, style: Option<LineStyle>, normal: [f64; 2], step: f64) {
+        let Some(look) = look(cells, place.view, place.at, normal, step, style) else {
+            return;
+        };
+        let next = self.looks.len();
+        let at = *self.seen.entry(look.clone()).or_insert(next);
+        if at == next {
+            self.looks.push((look, Vec::new()));
+        }
+        self.looks[at].1.push(place);
+    }
+
+    fn along_grid(&mut self, cells: &Cells, view: usize) {
+        let plan = cells.plan;
+        let shown = &plan.views[view];
+        let axes = shown.kind.axes();
+        for k in 0..2 {
+            let (across, along) = (&plan.grid[axes[k]], &plan.grid[axes[1 - k]]);
+            let busy = busy_along(cells, view, axes[k]);
+            let curved = busy_along(cells, view, axes[1 - k]);
+            for i in 1..across.len() - 1 {
+                let step = (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
+                let at_curves = busy[i - 1] || busy[i];
+                for j in 0..along.len() - 1 {
+                    let (lo, hi) = (along[j], along[j + 1]);
+                    let samples: &[f64] = if curved[j] { &[0.13, 0.47, 0.86] } else { &[0.47] };
+                    let runs = runs_within(&shown.lines[k][i], lo, hi, (1e-4 * plan.size).min((hi - lo) / 4.0));
+                    let mut normal = [0.0; 2];
+                    normal[k] = 1.0;
+                    let mut place = |from: f64, to: f64, curve| {
+                        for share in samples {
+                            let mut at = [0.0; 2];
+                            at[k] = across[i];
+                            at[1 - k] = from + (to - from) * share;
+                            let (place, style): (LookPlace, Option<LineStyle>) = match curve {
+                                Some((curve, style)) => (
+                                    LookPlace {
+                                        view,
+                                        at,
+                                        curve: Some(curve),
+                                    },
+                                    Some(style),
+                                ),
+                                None => (LookPlace { view, at, curve: None }, None),
+                            };
+                            self.add(cells, place, style, normal, step);
+                        }
+                    };
+                    for run in &runs {
+                        place(run.from, run.to, Some((run.curve, run.style)));
+                    }
+                    if runs.is_empty() && at_curves {
+                        place(lo, hi, None);
+                    }
+                }
+            }
+        }
+    }
+
+    fn along_pieces(&mut self, cells: &Cells, view: usize) {
+        let plan = cells.plan;
+        let shown = &plan.views[view];
+        for (index, piece) in shown.pieces.iter().enumerate() {
+            let profile = shown.profile(index as u32);
+            let extent = (0..2)
+                .map(|k| piece.range[k][1] - piece.range[k][0])
+                .fold(0.0, f64::max);
+            let step = (1e-5 * plan.size).min(0.02 * extent);
+            for run in &piece.runs {
+                for share in [0.13, 0.47, 0.86] {
+                    let at = profile.point(run.from + (run.to - run.from) * share);
+                    let place = LookPlace {
+                        view,
+                        at,
+                        curve: Some(run.curve),
+                    };
+                    self.add(cells, place, Some(run.style), profile.normal(at), step);
+                }
+            }
+        }
+    }
+
+    /// Where surfaces of the two other views cross between grid planes.
+    fn at_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
+        let plan = cells.plan;
+        let [right, up, along] = plan.views[view].kind.axes();
+        let sharing =
+            |axis: usize| (0..plan.views.len()).find(|v| *v != view && plan.views[*v].kind.axes()[..2].contains(&axis));
+        let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
+            return;
+        };
+        let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
+        let [a_at, a_depth, b_at, b_depth] = [place(a, right), place(a, along), place(b, up), place(b, along)];
+        for i in 0..plan.intervals(right) {
+            for k in 0..plan.intervals(along) {
+                let mut cell = [0; 3];
+                (cell[right], cell[along]) = (i, k);
+                for &first in pieces_in(plan, a, cell) {
+                    for j in 0..plan.intervals(up) {
+                        cell[up] = j;
+                        for &second in pieces_in(plan, b, cell) {
+                            let (p, q) = (
+                                &plan.views[a].pieces[first as usize],
+                                &plan.views[b].pieces[second as usize],
+                            );
+                            let lo = p.range[a_depth][0].max(q.range[b_depth][0]);
+                            let hi = p.range[a_depth][1].min(q.range[b_depth][1]);
+                            if hi - lo < 1e-4 * plan.size {
+                                continue;
+                            }
+                            let depth = lo + 0.47 * (hi - lo);
+                            let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
+                                let profile = plan.views[v].profile(piece);
+                                let at = profile
+                                    .crossings(known, depth, 0.0)
+                                    .into_iter()
+                                    .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
+                                let mut point = [0.0; 2];
+                                (point[known], point[1 - known]) = (depth, at);
+                                let normal = profile.normal(point);
+                                (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
+                            };
+                            let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                continue;
+                            };
+                            let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                continue;
+                            };
+                            let length = du.hypot(dw);
+                            let at = [u, w];
+                            if length < 1e-6 {
+                                continue;
+                            }
+                            let Some(style) = style_near(cells, drawing, view, at) else {
+                                continue;
+                            };
+                            let place = LookPlace {
+                                view,
+                                at,
+                                curve: style.map(|s| s.1),
+                            };
+                            self.add(
+                                cells,
+                                place,
+                                style.map(|s| s.0),
+                                [du / length, -dw / length],
+                                1e-5 * plan.size,
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn.
+fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Option<Option<(LineStyle, usize)>> {
+    let plan = cells.plan;
+    let shown = &plan.views[view];
+    let axes = shown.kind.axes();
+    let near = 1e-3 * plan.size;
+    for k in 0..2 {
+        let grid = &plan.grid[axes[k]];
+        let i = grid.partition_point(|g| *g < at[k]);
+        for line in [i.wrapping_sub(1), i] {
+            let touches = grid.get(line).is_some_and(|g| (g - at[k]).abs() < near)
+                && shown.lines[k][line]
+                    .iter()
+                    .any(|r| at[1 - k] > r.from - near && at[1 - k] < r.to + near);
+            if touches {
+                return None;
+            }
+        }
+    }
+    let on_carrier = |carrier: &super::plan::Carrier| carrier.profile.value(at).abs() < near;
+    if shown.carriers.iter().any(on_carrier) {
+        return None;
+    }
+    let mut found: Vec<(LineStyle, usize)> = Vec::new();
+    let curves = &drawing.views[view].curves;
+    for &index in &shown.others {
+        let points = curves[index].curve.points();
+        if points
+            .windows(2)
+            .any(|p| distance_to_segment(at, p[0], p[1]) < near / 2.0)
+        {
+            found.push((curves[index].style, index));
+        }
+    }
+    match found.split_first() {
+        None => Some(None),
+        Some((first, rest)) if rest.iter().all(|r| r.0 == first.0) => Some(Some(*first)),
+        _ => None,
+    }
+}
+
+/// The distance of a point to a straight line between two points.
+pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let square = d[0] * d[0] + d[1] * d[1];
+    let share = match square > 0.0 {
+        true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
+        false => 0.0,
+    };
+    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
+}
+
+/// Intervals of an axis in which another view than the one given has pieces.
+fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
+    let plan = cells.plan;
+    let mut found = vec![false; plan.intervals(axis)];
+    for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
+        let axes = plan.views[v].kind.axes();
+        let Some(k) = (0..2).find(|&k| axes[k] == axis) else {
+            continue;
+        };
+        let columns = plan.intervals(axes[1]);
+        for (at, _) in other.cells.iter().enumerate().filter(|(_, p)| !p.is_empty()) {
+            found[[at / columns, at % columns][k]] = true;
+        }
+    }
+    found
+}
+
+/// A half-surface that meets the line of a group.
+#[derive(Clone, Copy)]
+enum Half {
+    Before(Option<[f64; 3]>),
+    Behind(Option<[f64; 3]>),
+    Wall,
+}
+
+struct Limit {
+    depth: f64,
+    normal: Option<[f64; 3]>,
+    cell: u32,
+}
+
+/// Where a break stands at the line itself, and the surface's normal there.
+fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> Limit {
+    let plan = cells.plan;
+    let kind = plan.views[view].kind;
+    let [right, up, along] = kind.axes();
+    let sign = if kind.nearest_is_least() { 1.0 } else { -1.0 };
+    let mut normal = [0.0; 3];
+    match entry.surface {
+        SurfaceId::Grid(..) => {
+            normal[along] = 1.0;
+            Limit {
+                depth: entry.depth,
+                normal: Some(normal),
+                cell: entry.cell,
+            }
+        }
+        SurfaceId::Carrier(v, c) => {
+            let axes = plan.views[v].kind.axes();
+            let profile = &plan.views[v].carriers[c].profile;
+            let known = usize::from(axes[0] == along);
+            let value = if axes[known] == right { at[0] } else { at[1] };
+            debug_assert!(axes[known] == right || axes[known] == up);
+            let here = entry.depth * sign;
+            let depth = profile
+                .crossings(known, value, step)
+                .into_iter()
+                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
+                .unwrap_or(here);
+            let mut point = [0.0; 2];
+            (point[known], point[1 - known]) = (value, depth);
+            let n = profile.normal(point);
+            (normal[axes[0]], normal[axes[1]]) = (n[0], n[1]);
+            Limit {
+                depth: depth * sign,
+                normal: Some(normal),
+                cell: entry.cell,
+            }
+        }
+    }
+}
+
+fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
+    let (Some(a), Some(b)) = (a, b) else { return false };
+    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
+}
+
+fn look(
+    cells: &Cells,
+    view: usize,
+    at: [f64; 2],
+    normal: [f64; 2],
+    step: f64,
+    style: Option<LineStyle>,
+) -> Option<Look> {
+    let plan = cells.plan;
+    let beside = |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
+    let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
+    if style.is_none() && columns[0] == columns[1] {
+        return None;
+    }
+    let mut limits: Vec<(usize, Limit)> = Vec::new();
+    for (side, column) in columns.iter().enumerate() {
+        let mut last = f64::MIN;
+        for entry in &column.breaks {
+            let mut limit = limit(cells, view, at, entry, step);
+            // Order along one side is never changed by rounding.
+            limit.depth = limit.depth.max(last);
+            last = limit.depth;
+            limits.push((side, limit));
+        }
+    }
+    limits.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth).then(a.0.cmp(&b.0)));
+    let near = 5.0 * plan.tolerance;
+    let mut now = [columns[0].start, columns[1].start];
+    let start = now;
+    let mut groups = Vec::new();
+    let mut from = 0;
+    while from < limits.len() {
+        let to = (from + 1..limits.len())
+            .find(|&n| limits[n].1.depth - limits[n - 1].1.depth > near)
+            .unwrap_or(limits.len());
+        groups.push(group(&limits[from..to], &mut now));
+        from = to;
+    }
+    Some(Look { style, start, groups })
+}
+
+fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
+    let before = *now;
+    let mut sides: [Vec<(u32, Option<[f64; 3]>)>; 2] = Default::default();
+    for (side, limit) in limits {
+        sides[*side].push((limit.cell, limit.normal));
+        now[*side] = limit.cell;
+    }
+    // Around the line: down the first side, across the wall behind, up the second side, across the wall in front.
+    let mut sectors = vec![before[0]];
+    let mut halves: Vec<Half> = Vec::new();
+    for (cell, normal) in &sides[0] {
+        halves.push(Half::Before(*normal));
+        sectors.push(*cell);
+    }
+    halves.push(Half::Wall);
+    let second: Vec<u32> = std::iter::once(before[1]).chain(sides[1].iter().map(|s| s.0)).collect();
+    for k in (0..second.len()).rev() {
+        sectors.push(second[k]);
+        halves.push(match k {
+            0 => Half::Wall,
+            _ => Half::Behind(sides[1][k - 1].1),
+        });
+    }
+    let mut smooth = Vec::new();
+    for i in 0..halves.len() {
+        for j in i + 1..halves.len() {
+            let continues = match (halves[i], halves[j]) {
+                (Half::Wall, Half::Wall) => true,
+                (Half::Before(a), Half::Behind(b)) | (Half::Behind(b), Half::Before(a)) => parallel(a, b),
+                _ => false,
+            };
+            if continues {
+                smooth.push([i as u8, j as u8]);
+            }
+        }
+    }
+    Group { sectors, smooth }
+}

@@ -1,0 +1,519 @@
+//! The surfaces of a solution: which are used, where three meet, and along which curves two do.
+//!
+//! Every surface is a profile of a view, drawn out along the line of sight; a grid plane is one in every view that sees it edge-on.
+
+use super::cells::Cells;
+use super::column::SurfaceId;
+use super::profile::Profile;
+use crate::brep::{Surface, along};
+use planish_estimate::vector3::norm;
+use std::f64::consts::TAU;
+
+/// A surface drawn out along an axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drawn {
+    /// The axes of the profile's coordinates, and the one along which it is drawn out.
+    axes: [usize; 3],
+    profile: Profile,
+    /// The axis and value of a grid plane.
+    plane: Option<(usize, f64)>,
+}
+
+impl Drawn {
+    pub(super) fn of(cells: &Cells, id: SurfaceId) -> Self {
+        match id {
+            SurfaceId::Grid(axis, index) => {
+                let offset = cells.plan.grid[axis][index];
+                Self {
+                    axes: [axis, (axis + 1) % 3, (axis + 2) % 3],
+                    profile: Profile::Line {
+                        normal: [1.0, 0.0],
+                        offset,
+                    },
+                    plane: Some((axis, offset)),
+                }
+            }
+            SurfaceId::Carrier(view, carrier) => {
+                let view = &cells.plan.views[view];
+                Self {
+                    axes: view.kind.axes(),
+                    profile: view.carriers[carrier].profile,
+                    plane: None,
+                }
+            }
+        }
+    }
+
+    fn in_view(&self, p: [f64; 3]) -> [f64; 2] {
+        [p[self.axes[0]], p[self.axes[1]]]
+    }
+
+    /// Signed distance.
+    pub(super) fn value(&self, p: [f64; 3]) -> f64 {
+        self.profile.value(self.in_view(p))
+    }
+
+    /// The gradient of the signed distance.
+    pub(super) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+        let n = self.profile.normal(self.in_view(p));
+        let mut normal = [0.0; 3];
+        (normal[self.axes[0]], normal[self.axes[1]]) = (n[0], n[1]);
+        normal
+    }
+
+    /// The surface itself; its normal is the gradient's direction.
+    pub(super) fn surface(&self) -> Surface {
+        let axis_of = |k: usize| {
+            let mut axis = [0.0; 3];
+            axis[self.axes[k]] = 1.0;
+            axis
+        };
+        match self.profile {
+            Profile::Line { normal, offset } => {
+                let normal = along(along([0.0; 3], normal[0], axis_of(0)), normal[1], axis_of(1));
+                Surface::Plane {
+                    origin: along([0.0; 3], offset, normal),
+                    normal,
+                    x: axis_of(2),
+                }
+            }
+            Profile::Circle { center, radius } => Surface::Cylinder {
+                origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
+                axis: axis_of(2),
+                x: axis_of(0),
+                radius,
+            },
+        }
+    }
+
+    fn position(&self, axis: usize) -> Option<usize> {
+        (0..2).find(|&k| self.axes[k] == axis)
+    }
+}
+
+/// Where two profiles of one view meet; touching counts once.
+fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
+    match (a, b) {
+        (Profile::Line { normal: n, offset: d }, Profile::Line { normal: m, offset: e }) => {
+            let det = n[0] * m[1] - n[1] * m[0];
+            match det.abs() > 1e-9 {
+                true => vec![[(d * m[1] - e * n[1]) / det, (e * n[0] - d * m[0]) / det]],
+                false => Vec::new(),
+            }
+        }
+        (Profile::Circle { center, radius }, line @ Profile::Line { normal, .. })
+        | (line @ Profile::Line { normal, .. }, Profile::Circle { center, radius }) => {
+            let off = line.value(*center);
+            let foot = [center[0] - off * normal[0], center[1] - off * normal[1]];
+            halves(foot, [-normal[1], normal[0]], off.abs(), *radius, tolerance)
+        }
+        (
+            Profile::Circle { center, radius },
+            Profile::Circle {
+                center: other,
+                radius: r2,
+            },
+        ) => {
+            let d = super::drawing::distance(*center, *other);
+            if d < tolerance {
+                return Vec::new();
+            }
+            let to = [(other[0] - center[0]) / d, (other[1] - center[1]) / d];
+            let off = (d * d + radius * radius - r2 * r2) / (2.0 * d);
+            let foot = [center[0] + off * to[0], center[1] + off * to[1]];
+            halves(foot, [-to[1], to[0]], off.abs(), *radius, tolerance)
+        }
+    }
+}
+
+fn halves(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance: f64) -> Vec<[f64; 2]> {
+    if (off - radius).abs() <= tolerance {
+        return vec![foot];
+    }
+    let square = radius * radius - off * off;
+    if square <= 0.0 {
+        return Vec::new();
+    }
+    let h = square.sqrt();
+    [-h, h]
+        .map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]])
+        .to_vec()
+}
+
+fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
+    let mut p = [0.0; 3];
+    for (axis, value) in values {
+        p[axis] = value;
+    }
+    p
+}
+
+/// What a surface leaves in a plane across an axis.
+enum Trace {
+    Values(usize, Vec<f64>),
+    Profile([usize; 2], Profile),
+}
+
+fn trace(s: &Drawn, axis: usize, value: f64, tolerance: f64) -> Option<Trace> {
+    if let Some((own, at)) = s.plane {
+        return (own != axis).then(|| Trace::Values(own, vec![at]));
+    }
+    Some(match s.position(axis) {
+        Some(known) => Trace::Values(s.axes[1 - known], s.profile.crossings(known, value, tolerance)),
+        None => Trace::Profile([s.axes[0], s.axes[1]], s.profile),
+    })
+}
+
+/// The points that lie on three surfaces, where there are finitely many.
+pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
+    if let Some(at) = three.iter().position(|s| s.plane.is_some()) {
+        let (axis, value) = three[at].plane.unwrap_or_default();
+        let others: Vec<&Drawn> = (0..3).filter(|k| *k != at).map(|k| three[k]).collect();
+        let traces = others
+            .iter()
+            .map(|s| trace(s, axis, value, tolerance))
+            .collect::<Option<Vec<_>>>();
+        let Some(traces) = traces else { return Vec::new() };
+        return match (&traces[0], &traces[1]) {
+            (Trace::Values(a, first), Trace::Values(b, second)) if a != b => first
+                .iter()
+                .flat_map(|x| {
+                    second
+                        .iter()
+                        .map(move |y| point_of([(axis, value), (*a, *x), (*b, *y)]))
+                })
+                .collect(),
+            (Trace::Values(..), Trace::Values(..)) => Vec::new(),
+            (Trace::Values(a, values), Trace::Profile(axes, profile))
+            | (Trace::Profile(axes, profile), Trace::Values(a, values)) => {
+                let known = usize::from(axes[1] == *a);
+                let on = |x: &f64| {
+                    let x = *x;
+                    let other = axes[1 - known];
+                    let found = profile.crossings(known, x, tolerance);
+                    found
+                        .into_iter()
+                        .map(move |y| point_of([(axis, value), (*a, x), (other, y)]))
+                };
+                values.iter().flat_map(on).collect()
+            }
+            (Trace::Profile(axes, p), Trace::Profile(_, q)) => meet(p, q, tolerance)
+                .into_iter()
+                .map(|m| point_of([(axis, value), (axes[0], m[0]), (axes[1], m[1])]))
+                .collect(),
+        };
+    }
+    for [i, j, k] in [[0, 1, 2], [0, 2, 1], [1, 2, 0]] {
+        let (s, t, u) = (three[i], three[j], three[k]);
+        if s.axes != t.axes {
+            continue;
+        }
+        if u.axes == s.axes {
+            return Vec::new();
+        }
+        let mut found = Vec::new();
+        for m in meet(&s.profile, &t.profile, tolerance) {
+            for known in 0..2 {
+                if let Some(place) = s.position(u.axes[known]) {
+                    for depth in u.profile.crossings(known, m[place], tolerance) {
+                        found.push(point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], depth)]));
+                    }
+                }
+            }
+        }
+        return found;
+    }
+    numeric(three, tolerance)
+}
+
+/// Three surfaces of three views, none of them a grid plane: along the first profile, where the third changes sign on the second.
+fn numeric([s, t, u]: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
+    let Profile::Circle { .. } = s.profile else {
+        return match (t.profile, u.profile) {
+            (Profile::Circle { .. }, _) => numeric([t, u, s], tolerance),
+            (_, Profile::Circle { .. }) => numeric([u, s, t], tolerance),
+            _ => Vec::new(),
+        };
+    };
+    const STEPS: usize = 720;
+    let Some(known) = (0..2).find(|&k| s.position(t.axes[k]).is_some()) else {
+        return Vec::new();
+    };
+    let place = s.position(t.axes[known]).unwrap_or(0);
+    let mut found = Vec::new();
+    for branch in 0..2 {
+        let at = |angle: f64| {
+            let m = s.profile.point(angle);
+            let depth = *t.profile.crossings(known, m[place], 0.0).get(branch)?;
+            let p = point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], depth)]);
+            Some((p, u.value(p)))
+        };
+        let angle = |k: usize| TAU * (k as f64 + 0.123) / STEPS as f64;
+        for k in 0..STEPS {
+            let (mut lo, mut hi) = (angle(k), angle(k + 1));
+            let (Some(a), Some(b)) = (at(lo), at(hi)) else { continue };
+            if a.1 * b.1 > 0.0 {
+                continue;
+            }
+            for _ in 0..60 {
+                let middle = (lo + hi) / 2.0;
+                match at(middle) {
+                    Some(m) if m.1 * a.1 > 0.0 => lo = middle,
+                    _ => hi = middle,
+                }
+            }
+            found.extend(at((lo + hi) / 2.0).map(|m| m.0));
+        }
+    }
+    found
+}
+
+/// A curve along which two surfaces meet.
+pub(super) struct Meeting {
+    pub(super) curve: Curve3,
+    /// Points that must be vertices: where it crosses itself or turns.
+    pub(super) ends: Vec<[f64; 3]>,
+}
+
+/// A curve in space with its parameter.
+pub(super) enum Curve3 {
+    Line {
+        origin: [f64; 3],
+        direction: [f64; 3],
+    },
+    Ellipse {
+        center: [f64; 3],
+        a: [f64; 3],
+        b: [f64; 3],
+    },
+    /// Where two cylinders cross: over the coordinate that they share, one sign of each root.
+    Branch {
+        first: Drawn,
+        second: Drawn,
+        shared: usize,
+        signs: [f64; 2],
+        range: [f64; 2],
+    },
+}
+
+fn circle(s: &Drawn) -> Option<([f64; 2], f64)> {
+    match s.profile {
+        Profile::Circle { center, radius } => Some((center, radius)),
+        Profile::Line { .. } => None,
+    }
+}
+
+/// The curves along which two surfaces meet.
+pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
+    let unit_of = |axis: usize| {
+        let mut e = [0.0; 3];
+        e[axis] = 1.0;
+        e
+    };
+    let line = |origin: [f64; 3], direction: [f64; 3]| Meeting {
+        curve: Curve3::Line { origin, direction },
+        ends: Vec::new(),
+    };
+    let (s, t) = if s.plane.is_none() && t.plane.is_some() {
+        (t, s)
+    } else {
+        (s, t)
+    };
+    if let Some((axis, value)) = s.plane {
+        return match trace(t, axis, value, tolerance) {
+            None => Vec::new(),
+            Some(Trace::Values(other, values)) => values
+                .into_iter()
+                .map(|v| {
+                    line(
+                        point_of([(axis, value), (other, v), (3 - axis - other, 0.0)]),
+                        unit_of(3 - axis - other),
+                    )
+                })
+                .collect(),
+            Some(Trace::Profile(axes, Profile::Line { normal, offset })) => {
+                let origin = point_of([
+                    (axis, value),
+                    (axes[0], offset * normal[0]),
+                    (axes[1], offset * normal[1]),
+                ]);
+                vec![line(
+                    origin,
+                    point_of([(axis, 0.0), (axes[0], -normal[1]), (axes[1], normal[0])]),
+                )]
+            }
+            Some(Trace::Profile(axes, Profile::Circle { center, radius })) => vec![Meeting {
+                curve: Curve3::Ellipse {
+                    center: point_of([(axis, value), (axes[0], center[0]), (axes[1], center[1])]),
+                    a: unit_of(axes[0]).map(|c| radius * c),
+                    b: unit_of(axes[1]).map(|c| radius * c),
+                },
+                ends: Vec::new(),
+            }],
+        };
+    }
+    if s.axes == t.axes {
+        return meet(&s.profile, &t.profile, tolerance)
+            .into_iter()
+            .map(|m| {
+                line(
+                    point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], 0.0)]),
+                    unit_of(s.axes[2]),
+                )
+            })
+            .collect();
+    }
+    let Some(shared) = (0..3).find(|a| s.position(*a).is_some() && t.position(*a).is_some()) else {
+        return Vec::new();
+    };
+    oblique(s, t, shared, tolerance)
+}
+
+/// Two surfaces of two views, none of them a grid plane.
+fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> {
+    let places = [s, t].map(|d| d.position(shared).unwrap_or(0));
+    let other = [s.axes[1 - places[0]], t.axes[1 - places[1]]];
+    match (circle(s), circle(t)) {
+        (None, None) => {
+            let at = |x: f64| {
+                let first = s.profile.crossings(places[0], x, 0.0).first().copied()?;
+                let second = t.profile.crossings(places[1], x, 0.0).first().copied()?;
+                Some(point_of([(shared, x), (other[0], first), (other[1], second)]))
+            };
+            let (Some(origin), Some(end)) = (at(0.0), at(1.0)) else {
+                return Vec::new();
+            };
+            let d = [0, 1, 2].map(|k| end[k] - origin[k]);
+            vec![Meeting {
+                curve: Curve3::Line {
+                    origin,
+                    direction: crate::brep::unit(d),
+                },
+                ends: Vec::new(),
+            }]
+        }
+        (None, Some(_)) => oblique(t, s, shared, tolerance),
+        (Some((center, radius)), None) => {
+            let slope = |x: f64| t.profile.crossings(places[1], x, 0.0).first().copied();
+            let c = center[places[0]];
+            let (Some(at), Some(next)) = (slope(c), slope(c + 1.0)) else {
+                return Vec::new();
+            };
+            let tilted = point_of([(shared, radius), (other[1], radius * (next - at)), (other[0], 0.0)]);
+            let flat = point_of([(shared, 0.0), (other[1], 0.0), (other[0], radius)]);
+            vec![Meeting {
+                curve: Curve3::Ellipse {
+                    center: point_of([(shared, c), (other[0], center[1 - places[0]]), (other[1], at)]),
+                    a: tilted,
+                    b: flat,
+                },
+                ends: Vec::new(),
+            }]
+        }
+        (Some((c1, r1)), Some((c2, r2))) => {
+            let (a, b) = (c1[places[0]], c2[places[1]]);
+            let center = point_of([
+                (shared, a),
+                (other[0], c1[1 - places[0]]),
+                (other[1], c2[1 - places[1]]),
+            ]);
+            if (a - b).abs() < tolerance && (r1 - r2).abs() < tolerance {
+                let flat = point_of([(shared, r1), (other[0], 0.0), (other[1], 0.0)]);
+                return [-1.0, 1.0]
+                    .map(|sign| Meeting {
+                        curve: Curve3::Ellipse {
+                            center,
+                            a: point_of([(shared, 0.0), (other[0], r1), (other[1], sign * r1)]),
+                            b: flat,
+                        },
+                        ends: vec![along(center, 1.0, flat), along(center, -1.0, flat)],
+                    })
+                    .into();
+            }
+            let range = [(a - r1).max(b - r2), (a + r1).min(b + r2)];
+            if range[1] - range[0] < tolerance {
+                return Vec::new();
+            }
+            let mut found = Vec::new();
+            for first in [-1.0, 1.0] {
+                for second in [-1.0, 1.0] {
+                    let curve = Curve3::Branch {
+                        first: *s,
+                        second: *t,
+                        shared,
+                        signs: [first, second],
+                        range,
+                    };
+                    let ends = [0.0, std::f64::consts::PI].map(|t| curve.point(t)).to_vec();
+                    found.push(Meeting { curve, ends });
+                }
+            }
+            found
+        }
+    }
+}
+
+impl Curve3 {
+    /// The point of a parameter; a branch's runs from 0 to π.
+    pub(super) fn point(&self, t: f64) -> [f64; 3] {
+        match self {
+            Self::Line { origin, direction } => along(*origin, t, *direction),
+            Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            Self::Branch {
+                first,
+                second,
+                shared,
+                signs,
+                range,
+            } => {
+                let half = (range[1] - range[0]) / 2.0;
+                // 1 ∓ cos without cancellation: distances from both ends of the range.
+                let (from_lo, from_hi) = (
+                    2.0 * half * (t / 2.0).sin().powi(2),
+                    2.0 * half * (t / 2.0).cos().powi(2),
+                );
+                let x = if from_lo < from_hi {
+                    range[0] + from_lo
+                } else {
+                    range[1] - from_hi
+                };
+                let mut p = [0.0; 3];
+                p[*shared] = x;
+                for (drawn, sign) in [(first, signs[0]), (second, signs[1])] {
+                    let place = drawn.position(*shared).unwrap_or(0);
+                    if let Some((center, radius)) = circle(drawn) {
+                        let d = x - center[place];
+                        // (r − d)(r + d), each from the nearer end.
+                        let above = range[1] - (center[place] + radius);
+                        let below = range[0] - (center[place] - radius);
+                        let root = ((from_hi - above).max(0.0) * (from_lo + below).max(0.0)).sqrt();
+                        debug_assert!(d.abs() < 2.0 * radius);
+                        p[drawn.axes[1 - place]] = center[1 - place] + sign * root;
+                    }
+                }
+                p
+            }
+        }
+    }
+
+    /// The parameter of a point that lies on the curve within a tolerance.
+    pub(super) fn parameter(&self, p: [f64; 3], tolerance: f64) -> Option<f64> {
+        use planish_estimate::vector3::{dot, sub};
+        let t = match self {
+            Self::Line { origin, direction } => dot(sub(p, *origin), *direction),
+            Self::Ellipse { center, a, b } => {
+                let d = sub(p, *center);
+                (dot(d, *b) / dot(*b, *b))
+                    .atan2(dot(d, *a) / dot(*a, *a))
+                    .rem_euclid(TAU)
+            }
+            Self::Branch { shared, range, .. } => {
+                let half = (range[1] - range[0]) / 2.0;
+                let share = ((p[*shared] - range[0]) / half).clamp(0.0, 2.0);
+                2.0 * (share / 2.0).sqrt().min(1.0).asin()
+            }
+        };
+        // Near its ends a branch runs across the shared coordinate: a looser comparison there.
+        (norm(sub(self.point(t), p)) < 20.0 * tolerance).then_some(t)
+    }
+}
