@@ -17,6 +17,9 @@ use planish_sense::{Pose, ViewSensor};
 use planish_spline::{FootPointSearch, ProjectionOptions, Surface, TessellationOptions, leaf_weights, tessellate};
 use rayon::prelude::*;
 
+/// A reading on a leaf: weights of its coefficients, direction, value and information.
+type SeenRow = ([f64; 16], [f64; 3], f64, f64);
+
 /// The tessellation is this near to the surface, as a share of its diagonal, or as near as so many triangles allow.
 const CHORD: f64 = 1e-4;
 const MOST_TRIANGLES: u64 = 400_000;
@@ -52,7 +55,7 @@ pub(super) struct Readings {
 
 impl Readings {
     /// The readings of every leaf: row over its coefficients, direction, value and information.
-    pub(super) fn by_leaf(&self, leaves: usize) -> Vec<Vec<([f64; 16], [f64; 3], f64, f64)>> {
+    pub(super) fn by_leaf(&self, leaves: usize) -> Vec<Vec<SeenRow>> {
         let mut of_leaf = vec![Vec::new(); leaves];
         for r in &self.readings {
             let weights = leaf_weights(r.local[0], r.local[1]);

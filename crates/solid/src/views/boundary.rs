@@ -402,7 +402,7 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
     let derivatives = (0..=n)
         .map(|k| {
             let t = at(k);
-            let inside = |t: f64| t >= 0.0 && t <= PI;
+            let inside = |t: f64| (0.0..=PI).contains(&t);
             let d = match inside(t - 2.0 * e) && inside(t + 2.0 * e) {
                 true => {
                     let (a, b, c, d) = (

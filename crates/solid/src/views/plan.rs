@@ -232,7 +232,7 @@ impl Plan {
         let tolerance = 1e-7 * size + 2e-6;
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;
-        let mut found: Vec<(ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>)> = Vec::new();
+        let mut found: Vec<Found> = Vec::new();
         for view in &drawing.views {
             let axes = view.kind.axes();
             let snap = |k: usize, value: f64| clusters[axes[k]].snap(value, tolerance);

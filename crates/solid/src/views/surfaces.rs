@@ -223,15 +223,15 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
         }
         return found;
     }
-    numeric(three, tolerance)
+    numeric(three)
 }
 
 /// Three surfaces of three views, none of them a grid plane: along the first profile, where the third changes sign on the second.
-fn numeric([s, t, u]: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
+fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
     let Profile::Circle { .. } = s.profile else {
         return match (t.profile, u.profile) {
-            (Profile::Circle { .. }, _) => numeric([t, u, s], tolerance),
-            (_, Profile::Circle { .. }) => numeric([u, s, t], tolerance),
+            (Profile::Circle { .. }, _) => numeric([t, u, s]),
+            (_, Profile::Circle { .. }) => numeric([u, s, t]),
             _ => Vec::new(),
         };
     };
