@@ -14,7 +14,7 @@ mod svg;
 
 pub use carmen::CarmenOptions;
 pub use dxf::write_contours_dxf;
-pub use readings::{ContourReadings, SigmaDefaults, read_contour_readings};
+pub use readings::{COLUMNS, ContourReadings, SigmaDefaults, read_contour_readings};
 pub use svg::write_contours_svg;
 
 use planish_solid::contour::Kind;

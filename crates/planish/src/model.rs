@@ -289,9 +289,7 @@ impl SurfaceModel {
             let mut axis = [0.0; 3];
             axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
             let along = vec![axis; self.surface.space().node_count()];
-            let mut total = system.contract(&self.data, &along)?;
-            total.add_scaled(&system.contract(&self.prior, &along)?, 1.0)?;
-            let factor = system.factorize_scalar(&total)?;
+            let factor = system.factorize_scalar(&self.information_along(system, &along)?)?;
             return Ok(NodeCovariance::of_coordinates(
                 SelectedInverse::new(&factor),
                 measured,
@@ -305,9 +303,19 @@ impl SurfaceModel {
             return Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), Motion::Freely));
         }
         let directions = system.node_normals(&self.surface);
-        let mut total = system.contract(&self.data, &directions)?;
-        total.add_scaled(&system.contract(&self.prior, &directions)?, 1.0)?;
-        self.covariance_along(&system.factorize_scalar(&total)?, directions)
+        let factor = system.factorize_scalar(&self.information_along(system, &directions)?)?;
+        self.covariance_along(&factor, directions)
+    }
+
+    /// Information of data and prior about vertices that move along one direction each.
+    pub(crate) fn information_along(
+        &self,
+        system: &SurfaceSystem,
+        directions: &[[f64; 3]],
+    ) -> Result<BlockInformation> {
+        let mut total = system.contract(&self.data, directions)?;
+        total.add_scaled(&system.contract(&self.prior, directions)?, 1.0)?;
+        Ok(total)
     }
 
     /// The covariance of vertices that move along one direction each, from the factor of their information, with what scans share.
@@ -480,6 +488,12 @@ impl<'a> Posterior<'a> {
             covariance,
             shape_left,
         })
+    }
+
+    /// The variance of the middle of a leaf along its normal.
+    pub(crate) fn variance_at_middle(&self, leaf: usize) -> Result<f64> {
+        let normal = self.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
+        Ok(self.leaf(leaf)?.variance_along(&leaf_weights(0.5, 0.5), normal))
     }
 
     /// The surface that this is the covariance of.

@@ -297,8 +297,7 @@ impl Prepared {
             None => system.node_normals(&model.surface),
             Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
         };
-        let mut information = system.contract(&model.data, &directions)?;
-        information.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
+        let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);
         if places.is_empty() {
             return Err(Error::input("the region holds no part of the surface"));

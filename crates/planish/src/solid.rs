@@ -111,16 +111,6 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
             found.solutions.len()
         ));
     }
-    if !found.unexplained.is_empty() {
-        let first = &found.unexplained[0];
-        let entity = first.entity.as_deref().unwrap_or("a missing line");
-        warnings.push(format!(
-            "{} places of the drawing fit no solid; the first: {} view, {entity}: {}",
-            found.unexplained.len(),
-            first.view.name(),
-            first.why
-        ));
-    }
     let mut solutions = Vec::new();
     let mut written = Vec::new();
     for (index, solution) in found.solutions.iter().enumerate() {

@@ -36,7 +36,8 @@ pub struct ContourReadings {
     pub in_metres: bool,
 }
 
-const COLUMNS: [&str; 13] = [
+/// Columns that are known, those of ranges from poses first.
+pub const COLUMNS: [&str; 13] = [
     "x",
     "y",
     "heading_deg",

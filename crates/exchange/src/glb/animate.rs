@@ -5,8 +5,8 @@
 //!
 //! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but asks no viewer to show them.
 
-use super::write::{ATTRIBUTES, INDICES, Sections};
-use super::{BINARY_CHUNK, FLOAT, INTEGER, JSON_CHUNK, MAGIC, TRIANGLES};
+use super::write::{ATTRIBUTES, Head, INDICES, Sections};
+use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
 use planish_estimate::vector3::sub;
@@ -50,9 +50,7 @@ pub fn write_animation(
 }
 
 struct Animation {
-    json: Vec<u8>,
-    total: u32,
-    binary: u32,
+    head: Head,
     /// The last frame, then every other one as differences to it.
     columns: Vec<Column>,
     times: Vec<f32>,
@@ -151,15 +149,11 @@ impl Animation {
             "bufferViews": sections.views,
             "buffers": [{"byteLength": sections.length}],
         });
-        let mut json = document.to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let total = 12 + 8 + json.len() as u64 + 8 + sections.length;
-        let total = u32::try_from(total)
-            .map_err(|_| Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes")))?;
+        let head = Head::of(&document, sections.length).map_err(|total| {
+            Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes"))
+        })?;
         Ok(Self {
-            json,
-            total,
-            binary: sections.length as u32,
+            head,
             columns,
             times,
             weights,
@@ -167,14 +161,7 @@ impl Animation {
     }
 
     fn write_to(&self, writer: &mut impl Write, triangles: &[[u32; 3]]) -> io::Result<()> {
-        writer.write_all(&MAGIC)?;
-        writer.write_all(&2_u32.to_le_bytes())?;
-        writer.write_all(&self.total.to_le_bytes())?;
-        writer.write_all(&(self.json.len() as u32).to_le_bytes())?;
-        writer.write_all(&JSON_CHUNK)?;
-        writer.write_all(&self.json)?;
-        writer.write_all(&self.binary.to_le_bytes())?;
-        writer.write_all(&BINARY_CHUNK)?;
+        self.head.write_to(writer)?;
         for c in self.columns.iter().flatten().flatten() {
             writer.write_all(&c.to_le_bytes())?;
         }

@@ -41,9 +41,39 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 /// What comes before the binary chunk, and what the positions are about.
 pub(super) struct Layout {
     center: [f64; 3],
+    head: Head,
+}
+
+/// All that stands before the bytes of the binary chunk.
+pub(super) struct Head {
     json: Vec<u8>,
     binary: u32,
     total: u32,
+}
+
+impl Head {
+    /// Of a document and so many bytes behind it; the length of the file where it is too much for the format.
+    pub(super) fn of(document: &Value, binary: u64) -> std::result::Result<Self, u64> {
+        let mut json = document.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 12 + 8 + json.len() as u64 + 8 + binary;
+        Ok(Self {
+            json,
+            binary: binary as u32,
+            total: u32::try_from(total).map_err(|_| total)?,
+        })
+    }
+
+    pub(super) fn write_to(&self, writer: &mut impl Write) -> io::Result<()> {
+        writer.write_all(&MAGIC)?;
+        writer.write_all(&2_u32.to_le_bytes())?;
+        writer.write_all(&self.total.to_le_bytes())?;
+        writer.write_all(&(self.json.len() as u32).to_le_bytes())?;
+        writer.write_all(&JSON_CHUNK)?;
+        writer.write_all(&self.json)?;
+        writer.write_all(&self.binary.to_le_bytes())?;
+        writer.write_all(&BINARY_CHUNK)
+    }
 }
 
 /// Sections of the binary chunk, one behind the other, and their accessors.
@@ -152,32 +182,17 @@ impl Layout {
             "bufferViews": sections.views,
             "buffers": [{"byteLength": sections.length}],
         });
-        let mut json = document.to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let total = 12 + 8 + json.len() as u64 + 8 + sections.length;
-        let total = u32::try_from(total).map_err(|_| {
+        let head = Head::of(&document, sections.length).map_err(|total| {
             Error::unsupported(format!(
                 "GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"
             ))
         })?;
-        Ok(Self {
-            center,
-            json,
-            binary: sections.length as u32,
-            total,
-        })
+        Ok(Self { center, head })
     }
 }
 
 pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Layout) -> io::Result<()> {
-    writer.write_all(&MAGIC)?;
-    writer.write_all(&2_u32.to_le_bytes())?;
-    writer.write_all(&layout.total.to_le_bytes())?;
-    writer.write_all(&(layout.json.len() as u32).to_le_bytes())?;
-    writer.write_all(&JSON_CHUNK)?;
-    writer.write_all(&layout.json)?;
-    writer.write_all(&layout.binary.to_le_bytes())?;
-    writer.write_all(&BINARY_CHUNK)?;
+    layout.head.write_to(writer)?;
     for point in mesh.points {
         for c in local(*point, layout.center) {
             writer.write_all(&c.to_le_bytes())?;

@@ -28,7 +28,7 @@ mod state;
 
 use super::observations::{ObservationOptions, Quantity};
 use super::stages::leaf_areas;
-use super::{Filter, Fit, FitOptions, finish, fit, observation_options, observe};
+use super::{Filter, Fit, FitOptions, finish, fit, observation_options, observe, some_scans};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::progress::{Part, Progress};
 use crate::propagate::{BendingReport, BendingState, PropagationReport, State, states_in_time};
@@ -61,7 +61,11 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         motion: None,
         ..options.clone()
     };
-    let first = fit(&part(set, &states[0]), &still, &Part::new(progress, 0.0, 0.3))?;
+    let first = fit(
+        &some_scans(set, &states[0].scans),
+        &still,
+        &Part::new(progress, 0.0, 0.3),
+    )?;
     let shape = first.model.surface.space().shape();
     if shape != Shape::Sheet {
         return Err(Error::input(format!(
@@ -110,15 +114,6 @@ fn refuse(options: &FitOptions) -> Result<()> {
     }
 }
 
-/// The scans of one time.
-fn part(set: &ScanSet, state: &State) -> ScanSet {
-    ScanSet {
-        scans: state.scans.iter().map(|&k| set.scans[k].clone()).collect(),
-        inputs: Vec::new(),
-        ..set.clone()
-    }
-}
-
 /// What is known of the sheet's lengths.
 struct Lengths {
     metric: Metric,
@@ -144,7 +139,7 @@ fn follow(
     for (k, state) in states.iter().enumerate().skip(1) {
         let share = |k: usize| (k - 1) as f64 / (states.len() - 1) as f64;
         let progress = Part::new(progress, share(k), share(k + 1));
-        let scans = part(set, state);
+        let scans = some_scans(set, &state.scans);
         let mut observations = observe(
             &scans,
             &ObservationOptions {
@@ -314,7 +309,7 @@ fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
 fn reported(set: &ScanSet, state: &State, first: Fit, mut followed: Vec<(Fit, BendingState)>, divisions: usize) -> Fit {
     let sigma = noise_of(&first.report.sensors, &first.report.sensors);
     let mut states = vec![BendingState {
-        scans: names(&part(set, state)),
+        scans: names(&some_scans(set, &state.scans)),
         time_s: state.time_s,
         observations: first.report.observations,
         rms: first.report.rms,

@@ -88,9 +88,9 @@ pub(super) fn finish(
         patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
         shared: None,
     };
+    let channels = FootChannels::new(observations, &subset);
     let mut stated = Vec::new();
     if !observations.shared.is_empty() {
-        let channels = FootChannels::new(observations, &subset);
         let directions = system.node_normals(&model.surface);
         let equations = observations.shared.equations(&Linearized {
             surface: &model.surface,
@@ -109,7 +109,6 @@ pub(super) fn finish(
     let mut covariance = Arc::new(model.covariance(&system)?);
     if let Some(mut information_of_shared) = model.shared.take() {
         let less = {
-            let channels = FootChannels::new(observations, &subset);
             let noise = noise_of_surface(&system, &model, &feet, &information)?;
             observations
                 .shared
@@ -133,14 +132,12 @@ pub(super) fn finish(
     let degrees = if observations.stated.len() == 1 && earlier.is_none() && fused.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
-        let channels = FootChannels::new(observations, &subset);
         degrees_of_channels(&seen, &channels, &feet, &information)?
     };
     noise = SensorNoise {
         used: noise.used,
         ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
     };
-    let channels = FootChannels::new(observations, &subset);
     let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
     // Other readings may have shown more.
     if let Some(earlier) = earlier {
@@ -348,9 +345,7 @@ fn noise_of_surface(
 ) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
     let (surface, space) = (&model.surface, system.space());
     let directions = system.node_normals(surface);
-    let mut known = system.contract(&model.data, &directions)?;
-    known.add_scaled(&system.contract(&model.prior, &directions)?, 1.0)?;
-    let factor = system.factorize_scalar(&known)?;
+    let factor = system.factorize_scalar(&model.information_along(system, &directions)?)?;
     let (start, order) = by_leaf(feet, space.leaves().len());
     (0..NOISE_DRAWS)
         .map(|draw| {

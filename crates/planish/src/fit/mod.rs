@@ -354,6 +354,15 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     .translated(origin)
 }
 
+/// Some scans of a set, with its sensors.
+fn some_scans(set: &ScanSet, scans: &[usize]) -> ScanSet {
+    ScanSet {
+        scans: scans.iter().map(|&k| set.scans[k].clone()).collect(),
+        inputs: Vec::new(),
+        ..set.clone()
+    }
+}
+
 /// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion, and all of them then make the model, as the
 /// thing was when the first was taken.
 fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
@@ -362,23 +371,18 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
         motion: None,
         ..options.clone()
     };
-    let only = |k: usize| ScanSet {
-        scans: vec![set.scans[k].clone()],
-        inputs: Vec::new(),
-        ..set.clone()
-    };
     let plain = FitOptions {
         symmetry: None,
         complete_smooth: false,
         snapshots: None,
         ..still.clone()
     };
-    let first = fit(&only(order[0]), &plain, &Part::new(progress, 0.0, 0.3))?;
+    let first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.0, 0.3))?;
     let mut tracker = RigidTracker::new(&first, set, &order)?;
     for (k, &scan) in order.iter().enumerate().skip(1) {
         progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
         let readings = observe(
-            &only(scan),
+            &some_scans(set, &[scan]),
             &ObservationOptions {
                 held_out_share: 0.0,
                 ..observation_options(set, &plain)

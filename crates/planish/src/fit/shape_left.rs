@@ -15,20 +15,15 @@
 use super::engine::{Foot, FootChannels, FootState, by_leaf};
 use super::noise::SensorNoise;
 use super::observations::Quantity;
-use super::stages::neighbourhood;
+use super::stages::{BINS, MOST_GROSS, bin_of, neighbourhood};
 use crate::model::Posterior;
 use planish_estimate::Result;
-use planish_spline::leaf_weights;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Bins along each side of a leaf.
-const BINS: usize = 4;
 /// So many standard deviations of what noise makes, of a leaf alone, and of a leaf and those around it.
 const SIGNIFICANT_ALONE: f64 = 4.0;
 const SIGNIFICANT_TOGETHER: f64 = 3.0;
-/// Readings beyond the gate are shape where they are more than this share.
-const MOST_GROSS: f64 = 0.25;
 
 /// Shape that cells are too large to follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -109,8 +104,10 @@ pub(super) fn shape_left(
             let foot = &feet[k];
             let w = 1.0 / (noise.used[channels.of(k)] * foot.variance);
             let pull = w * foot.height();
-            let [i, j] = foot.local.map(|x| ((x * BINS as f64) as usize).min(BINS - 1));
-            for (sum, term) in bins[j * BINS + i].iter_mut().zip([pull, pull * pull, w, w * w, 1.0]) {
+            for (sum, term) in bins[bin_of(foot.local)]
+                .iter_mut()
+                .zip([pull, pull * pull, w, w * w, 1.0])
+            {
                 *sum += term;
             }
         }
@@ -136,8 +133,7 @@ pub(super) fn shape_left(
             if together.spread == 0.0 {
                 return Ok(0.0);
             }
-            let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
-            let own = (posterior.leaf(leaf)?.variance_along(&leaf_weights(0.5, 0.5), normal)).max(0.0);
+            let own = posterior.variance_at_middle(leaf)?.max(0.0);
             let alone = sums[leaf].mean_square(own, SIGNIFICANT_ALONE);
             Ok(alone
                 .or_else(|| together.mean_square(own, SIGNIFICANT_TOGETHER))

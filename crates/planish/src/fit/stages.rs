@@ -46,7 +46,7 @@ const UNSEEN_AT_REST: f64 = 4.0;
 const SHARED_AT_REST: f64 = 0.02;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
-const BINS: usize = 4;
+pub(super) const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
 pub(super) const LEAST_READINGS: u32 = 8;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
@@ -62,7 +62,7 @@ const POOLED_SIGNIFICANT: f64 = 2.0;
 /// σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have 3.6 %.)
 pub(super) const LEAST_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
-const MOST_GROSS: f64 = 0.25;
+pub(super) const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 12;
 /// Lengths over which the prior smooths: at the start at least, in leaves; and at most, in square roots of the surface's area. A stiffer plate
@@ -662,6 +662,12 @@ fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'a Misfit>) 
     marked
 }
 
+/// The bin of a place on a leaf, row by row.
+pub(super) fn bin_of(local: [f64; 2]) -> usize {
+    let [i, j] = local.map(|x| ((x * BINS as f64) as usize).min(BINS - 1));
+    j * BINS + i
+}
+
 /// The residuals `h` of one bin with weights `w`.
 #[derive(Clone, Copy, Default)]
 struct Bin {
@@ -806,8 +812,7 @@ fn misfit(
             }
             // Huber's mean: one wild reading must not split a leaf.
             let w = (if r > 3.0 { 3.0 / r } else { 1.0 }) / variance;
-            let bin = ((foot.local[1] * BINS as f64) as usize).min(BINS - 1) * BINS
-                + ((foot.local[0] * BINS as f64) as usize).min(BINS - 1);
+            let bin = bin_of(foot.local);
             for (number, h) in (first_number(foot.quantity)..).zip(foot.residuals()) {
                 let bin = &mut made.bins[number * BINS * BINS + bin];
                 bin.sum += w * h;

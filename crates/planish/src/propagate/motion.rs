@@ -198,15 +198,11 @@ impl<'a> RigidTracker<'a> {
         let size = bounds.diagonal();
         let system = SurfaceSystem::new(surface.space())?;
         let directions = system.node_normals(surface);
-        let mut known = system.contract(&first.model.data, &directions)?;
-        known.add_scaled(&system.contract(&first.model.prior, &directions)?, 1.0)?;
+        let known = first.model.information_along(&system, &directions)?;
         let posterior = first.posterior();
         let variances = (0..surface.space().leaves().len())
             .into_par_iter()
-            .map(|leaf| {
-                let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
-                Ok((posterior.leaf(leaf)?).variance_along(&leaf_weights(0.5, 0.5), normal))
-            })
+            .map(|leaf| posterior.variance_at_middle(leaf))
             .collect::<Result<Vec<f64>>>()?;
         let mut covariance = SMatrix::zeros();
         for k in 0..3 {

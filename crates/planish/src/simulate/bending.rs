@@ -6,14 +6,14 @@
 
 use super::form::{BentForm, ClosedForm, SheetBump};
 use super::scans::{
-    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_scan_scene,
+    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_simulated,
 };
 use super::truth::Truth;
 use super::virtual_sensor::{VirtualScan, VirtualScanner};
-use crate::progress::{Part, Progress, Silent, WRITING_STAGE};
+use crate::progress::{Progress, Silent};
 use planish_estimate::vector3::unit;
 use planish_estimate::{Error, Result};
-use planish_exchange::{ScanSet, Unit, make_folder};
+use planish_exchange::{ScanSet, Unit};
 use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::Path;
@@ -189,17 +189,12 @@ fn with_hole(scan: VirtualScan) -> VirtualScan {
 /// Simulates the scene and writes it: what `planish simulate scene bending` does.
 ///
 /// # Errors
-/// As [`bending`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
+/// As [`bending`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
 pub fn write_bending_scene(
     options: &BendingOptions,
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<ScanSceneSummary> {
     options.as_scans()?;
-    make_folder(folder)?;
-    let scene = simulate(options, &Part::new(progress, 0.0, 0.7))?;
-    progress.check(WRITING_STAGE, 0.7)?;
-    let summary = write_scan_scene(&scene, folder)?;
-    progress.advance("done", 1.0);
-    Ok(summary)
+    write_simulated(folder, progress, |progress| simulate(options, progress))
 }

@@ -4,24 +4,15 @@
 
 use super::truth::positive;
 use planish_estimate::{Error, Result};
+use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
 use planish_solid::contour::{Kind, SensorOptions, Sighting, Target, ranges};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-const COLUMNS: [&str; 10] = [
-    "x",
-    "y",
-    "heading_deg",
-    "range",
-    "sigma_x",
-    "sigma_y",
-    "sigma_heading_deg",
-    "sigma_range",
-    "pose_id",
-    "time",
-];
+/// How many of the columns that readings may have are written: up to the time.
+const WRITTEN_COLUMNS: usize = 10;
 
 /// Settings of the scene `readings`.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,14 +124,14 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     write_atomically(&paths[2], |out| writeln!(out, "{truth:#}"))?;
     Ok(ReadingsSummary {
         rows: made.noisy.len(),
-        columns: COLUMNS.to_vec(),
+        columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(),
         files: paths.to_vec(),
     })
 }
 
 fn write_table(path: &Path, sightings: &[Sighting]) -> Result<()> {
     write_atomically(path, |out| {
-        writeln!(out, "{}", COLUMNS.join(","))?;
+        writeln!(out, "{}", COLUMNS[..WRITTEN_COLUMNS].join(","))?;
         for (i, sighting) in sightings.iter().enumerate() {
             let Target::Range {
                 origin,

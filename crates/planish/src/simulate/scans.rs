@@ -451,9 +451,18 @@ pub fn write_scans_scene(
 ) -> Result<ScanSceneSummary> {
     options.sanity_check()?;
     Truth::freeform(options.shape, options.size(), options.seed)?;
+    write_simulated(folder, progress, |progress| simulate(options, progress))
+}
+
+/// Simulates a scene and writes it, with progress.
+pub(super) fn write_simulated(
+    folder: &Path,
+    progress: &dyn Progress,
+    simulate: impl FnOnce(&dyn Progress) -> Result<ScanScene>,
+) -> Result<ScanSceneSummary> {
     // A folder that cannot be made is known before the work.
     make_folder(folder)?;
-    let scene = simulate(options, &Part::new(progress, 0.0, 0.7))?;
+    let scene = simulate(&Part::new(progress, 0.0, 0.7))?;
     progress.check(WRITING_STAGE, 0.7)?;
     let summary = write_scan_scene(&scene, folder)?;
     progress.advance("done", 1.0);

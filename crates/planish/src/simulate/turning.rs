@@ -5,14 +5,14 @@
 
 use super::scans::{
     ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from, seed_of,
-    write_scan_scene,
+    write_simulated,
 };
 use super::truth::{Truth, positive};
 use super::virtual_sensor::VirtualScanner;
-use crate::progress::{Part, Progress, Silent, WRITING_STAGE};
+use crate::progress::{Progress, Silent};
 use planish_estimate::vector3::{cross, scale, sub, unit};
 use planish_estimate::{Error, Result};
-use planish_exchange::{ScanSet, Unit, make_folder};
+use planish_exchange::{ScanSet, Unit};
 use planish_sense::{Pose, SensorKind};
 use planish_spline::Shape;
 use std::path::Path;
@@ -137,17 +137,12 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
 /// Simulates the scene and writes it: what `planish simulate scene turning` does.
 ///
 /// # Errors
-/// As [`turning`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
+/// As [`turning`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
 pub fn write_turning_scene(
     options: &TurningOptions,
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<ScanSceneSummary> {
     options.as_scans()?;
-    make_folder(folder)?;
-    let scene = simulate(options, &Part::new(progress, 0.0, 0.7))?;
-    progress.check(WRITING_STAGE, 0.7)?;
-    let summary = write_scan_scene(&scene, folder)?;
-    progress.advance("done", 1.0);
-    Ok(summary)
+    write_simulated(folder, progress, |progress| simulate(options, progress))
 }

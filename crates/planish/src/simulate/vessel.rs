@@ -5,14 +5,14 @@
 
 use super::form::{BallBump, BallForm, ClosedForm};
 use super::scans::{
-    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_scan_scene,
+    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_simulated,
 };
 use super::truth::Truth;
 use super::virtual_sensor::{Optics, VirtualScanner};
-use crate::progress::{Progress, WRITING_STAGE};
+use crate::progress::Progress;
 use planish_estimate::vector3::unit;
 use planish_estimate::{Error, Result};
-use planish_exchange::{ScanSet, Unit, make_folder};
+use planish_exchange::{ScanSet, Unit};
 use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::Path;
@@ -110,14 +110,11 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
 /// Simulates the scene and writes it: what `planish simulate scene vessel` does.
 ///
 /// # Errors
-/// As [`vessel`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
+/// As [`vessel`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
 pub fn write_vessel_scene(options: &VesselOptions, folder: &Path, progress: &dyn Progress) -> Result<ScanSceneSummary> {
     options.as_scans().sanity_check()?;
-    make_folder(folder)?;
-    progress.check("scanning", 0.0)?;
-    let scene = vessel(options)?;
-    progress.check(WRITING_STAGE, 0.7)?;
-    let summary = write_scan_scene(&scene, folder)?;
-    progress.advance("done", 1.0);
-    Ok(summary)
+    write_simulated(folder, progress, |progress| {
+        progress.check("scanning", 0.0)?;
+        vessel(options)
+    })
 }

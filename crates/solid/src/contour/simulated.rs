@@ -27,7 +27,7 @@ pub struct SensorOptions {
 }
 
 /// Readings with and without errors: the latter state the same σ.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct SimulatedReadings {
     /// As a sensor gives them.
     pub noisy: Vec<Sighting>,
@@ -51,16 +51,10 @@ pub fn ranges(
 ) -> SimulatedReadings {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let Some(outline) = kind.outline(theta) else {
-        return SimulatedReadings {
-            noisy: Vec::new(),
-            exact: Vec::new(),
-        };
+        return SimulatedReadings::default();
     };
     let places = along(kind, theta, &outline.vertices);
-    let mut made = SimulatedReadings {
-        noisy: Vec::with_capacity(count),
-        exact: Vec::with_capacity(count),
-    };
+    let mut made = SimulatedReadings::default();
     let mut pose = 0;
     while made.exact.len() < count {
         let aim = places[random.random_range(0..places.len())];
@@ -132,16 +126,10 @@ pub fn ranges(
 pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -> SimulatedReadings {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let Some(outline) = kind.outline(theta) else {
-        return SimulatedReadings {
-            noisy: Vec::new(),
-            exact: Vec::new(),
-        };
+        return SimulatedReadings::default();
     };
     let places = along(kind, theta, &outline.vertices);
-    let mut made = SimulatedReadings {
-        noisy: Vec::with_capacity(count),
-        exact: Vec::with_capacity(count),
-    };
+    let mut made = SimulatedReadings::default();
     for line in 0..count {
         let position = places[random.random_range(0..places.len())];
         let sighting = |position| Sighting {
