@@ -376,15 +376,15 @@ impl NodeCovariance {
         }
     }
 
-    /// Takes away information about what scans share, but never below what `least` says; and by how much their own information has changed.
-    pub(crate) fn with_less_shared(self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+    /// Leaves out information about what scans share that is only noise, never below what `least` says; and by how much their own has changed.
+    pub(crate) fn without_noise_of_shared(self, noise: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
         match self {
             Self::Nodes(WholeCovariance {
                 inverse,
                 motion,
                 shared: Some(shared),
             }) => {
-                let (bordered, change) = shared.bordered.with_less_information(less, least)?;
+                let (bordered, change) = shared.bordered.without_noise(noise, least)?;
                 let shared = Some(SharedRows {
                     rows: bordered.shared_rows(),
                     bordered,

@@ -262,3 +262,25 @@ fn align_brings_scans_back_that_nobody_said_were_off() {
     assert!(errors.iter().sum::<f64>() / (errors.len() as f64) < 12.0);
     assert!(aligned.report.poses[0].covariance.is_none());
 }
+
+#[test]
+fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
+    let mut all = Vec::new();
+    for seed in [7, 8] {
+        let mixed = ScanSceneOptions {
+            seed,
+            ..ScanSceneOptions::default()
+        };
+        let mut scene = scans(&mixed).unwrap();
+        let truths = shake(&mut scene, seed, 0.2, 0.1);
+        for posed in &mut scene.set.scans {
+            (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
+        }
+        let aligned = fit_scene(&scene, true);
+        all.extend((aligned.report.poses.iter().zip(&truths).skip(1)).map(|(report, truth)| squared_error(report, truth)));
+    }
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    println!("mean square error over covariance {mean:.2} (6 wanted): {all:.1?}");
+    // Poses of one set are not independent of each other: all stand by the first.
+    assert!((2.0..15.0).contains(&mean), "{mean}");
+}

@@ -18,6 +18,9 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use super::CholeskyFactor;
 use crate::{Error, Result};
 
+/// Directions of which a larger share of the information is noise count as unknown.
+const MOST_NOISE: f64 = 0.25;
+
 /// The reduced equations of the few unknowns, factored.
 #[derive(Debug, Clone)]
 pub struct Bordered {
@@ -57,30 +60,19 @@ impl Bordered {
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     pub fn new(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<Self> {
-        let m = corner.len().isqrt();
-        let n = factor.symbolic().pattern().nodes() * factor.symbolic().block_size();
-        if m * m != corner.len() || coupling.len() != n * m {
-            return Err(Error::input(format!(
-                "{n} sparse unknowns and a corner of {} entries need a coupling of {n} × {m}, found {} entries",
-                corner.len(),
-                coupling.len()
-            )));
-        }
-        let mut solved = coupling.to_vec();
-        if m > 0 {
-            factor.solve_in_place(&mut solved)?;
-        }
-        // Both have their rows one after the other: as columns they are transposed.
-        let (c, f) = (
-            DMatrix::from_column_slice(m, n, coupling),
-            DMatrix::from_column_slice(m, n, &solved),
-        );
-        let reduced = DMatrix::from_column_slice(m, m, corner) - &c * f.transpose();
-        let symmetric = 0.5 * (&reduced + reduced.transpose());
+        let (solved, symmetric) = reduce(factor, coupling, corner)?;
         let complement = Cholesky::new(symmetric).ok_or_else(|| {
             Error::undetermined("what readings share is determined neither by them nor by what was known before")
         })?;
         Ok(Self { solved, complement })
+    }
+
+    /// `P − Cᵀ A⁻¹ C` alone, `m × m`, which need not be positive definite.
+    ///
+    /// # Errors
+    /// `Input` when the sizes do not fit.
+    pub fn complement_of(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<Vec<f64>> {
+        Ok(reduce(factor, coupling, corner)?.1.as_slice().to_vec())
     }
 
     /// How many unknowns are shared.
@@ -154,32 +146,28 @@ impl Bordered {
         (&l * l.transpose()).as_slice().to_vec()
     }
 
-    /// The same with information about the shared unknowns taken away, but never below what `least` says, and by how much their corner `P` has changed.
-    /// All are `m × m`.
+    /// The same without the information about the shared unknowns that is only `noise`, but never below what `least` says, and by how much
+    /// their corner `P` has changed. All are `m × m`.
     ///
-    /// In the metric of `least` no eigenvalue of `S − less` may fall below one.
+    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S` is kept; nothing where `μ` is more
+    /// than a quarter, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left may fall below one.
     ///
     /// # Errors
     /// `Input` when `least` is not positive definite, or a size does not fit.
-    pub fn with_less_information(mut self, less: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+    pub fn without_noise(mut self, noise: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
         let m = self.shared();
         let wrong = || Error::input(format!("needed a positive definite least information of {m} × {m}"));
-        if less.len() != m * m || least.len() != m * m {
+        if noise.len() != m * m || least.len() != m * m {
             return Err(wrong());
         }
-        let l = Cholesky::new(DMatrix::from_column_slice(m, m, least))
-            .ok_or_else(wrong)?
-            .l();
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
-        let reduced = &before - DMatrix::from_column_slice(m, m, less);
-        // L⁻¹ (S − less) L⁻ᵀ.
-        let half = l.solve_lower_triangular(&reduced).ok_or_else(wrong)?;
-        let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(wrong)?;
-        let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
-        let back = &l * &eigen.eigenvectors;
-        let kept = DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0)));
-        let after = &back * kept * back.transpose();
-        let after = 0.5 * (&after + after.transpose());
+        let noise = DMatrix::from_column_slice(m, m, noise);
+        let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
+            if share > MOST_NOISE { 0.0 } else { 1.0 - share }
+        });
+        let least = Cholesky::new(DMatrix::from_column_slice(m, m, least)).ok_or_else(wrong)?;
+        let after = (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0))))
+            .ok_or_else(wrong)?;
         let change = (&after - before).as_slice().to_vec();
         self.complement = Cholesky::new(after).ok_or_else(wrong)?;
         Ok((self, change))
@@ -226,6 +214,41 @@ impl Bordered {
         l.solve_lower_triangular(&rows)
             .map_or_else(Vec::new, |g| g.as_slice().to_vec())
     }
+}
+
+/// `L V f(Λ) Vᵀ Lᵀ` of a symmetric matrix `L V Λ Vᵀ Lᵀ`; none where `L` is singular.
+fn with_eigenvalues(l: &DMatrix<f64>, matrix: &DMatrix<f64>, f: impl Fn(f64) -> f64) -> Option<DMatrix<f64>> {
+    let half = l.solve_lower_triangular(matrix)?;
+    let whitened = l.solve_lower_triangular(&half.transpose())?;
+    let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
+    let back = l * &eigen.eigenvectors;
+    let made = &back * DMatrix::from_diagonal(&eigen.eigenvalues.map(f)) * back.transpose();
+    Some(0.5 * (&made + made.transpose()))
+}
+
+/// `A⁻¹ C` and `P − Cᵀ A⁻¹ C`.
+fn reduce(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<(Vec<f64>, DMatrix<f64>)> {
+    let m = corner.len().isqrt();
+    let n = factor.symbolic().pattern().nodes() * factor.symbolic().block_size();
+    if m * m != corner.len() || coupling.len() != n * m {
+        return Err(Error::input(format!(
+            "{n} sparse unknowns and a corner of {} entries need a coupling of {n} × {m}, found {} entries",
+            corner.len(),
+            coupling.len()
+        )));
+    }
+    let mut solved = coupling.to_vec();
+    if m > 0 {
+        factor.solve_in_place(&mut solved)?;
+    }
+    // Both have their rows one after the other: as columns they are transposed.
+    let (c, f) = (
+        DMatrix::from_column_slice(m, n, coupling),
+        DMatrix::from_column_slice(m, n, &solved),
+    );
+    let reduced = DMatrix::from_column_slice(m, m, corner) - &c * f.transpose();
+    let symmetric = 0.5 * (&reduced + reduced.transpose());
+    Ok((solved, symmetric))
 }
 
 #[cfg(test)]
@@ -341,19 +364,29 @@ mod tests {
     }
 
     #[test]
-    fn information_is_taken_away_down_to_what_is_left_in_any_case() {
+    fn information_that_is_noise_is_left_out_down_to_what_is_known_in_any_case() {
         let (factor, coupling, corner, _) = whole();
         let bordered = Bordered::new(&factor, &coupling, &corner).unwrap();
         let before = bordered.shared_information();
         let least: Vec<f64> = (0..M * M).map(|k| if k % (M + 1) == 0 { 0.2 } else { 0.0 }).collect();
-        let none = bordered.clone().with_less_information(&[0.0; M * M], &least).unwrap();
+        let none = bordered.clone().without_noise(&[0.0; M * M], &least).unwrap();
         assert!(none.1.iter().all(|c| c.abs() < 1e-12));
-        // All of it and more: only the least is left.
-        let (left, change) = bordered
-            .with_less_information(&before.iter().map(|s| 3.0 * s).collect::<Vec<_>>(), &least)
-            .unwrap();
-        for (k, s) in left.shared_information().iter().enumerate() {
-            assert!((s - least[k]).abs() < 1e-12 && (before[k] + change[k] - s).abs() < 1e-12);
+        let of_noise = |share: f64| -> Vec<f64> {
+            let noise: Vec<f64> = before.iter().map(|s| share * s).collect();
+            let (left, change) = bordered.clone().without_noise(&noise, &least).unwrap();
+            let left = left.shared_information();
+            for (k, s) in left.iter().enumerate() {
+                assert!((before[k] + change[k] - s).abs() < 1e-12);
+            }
+            left
+        };
+        // A tenth is taken off, as far as the least allows; of what is mostly noise only the least is left.
+        for (k, s) in of_noise(0.1).iter().enumerate() {
+            let floor = if least[k] > 0.0 { least[k] } else { f64::NEG_INFINITY };
+            assert!(*s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2, "{s} {}", before[k]);
+        }
+        for (s, least) in of_noise(0.9).iter().zip(&least) {
+            assert!((s - least).abs() < 1e-12);
         }
     }
 

@@ -14,6 +14,7 @@ use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, w
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
+use planish_estimate::sparse::CholeskyFactor;
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_spline::{FootPointSearch, SurfaceSystem};
@@ -90,32 +91,33 @@ pub(super) fn finish(
     };
     let channels = FootChannels::new(observations, &subset);
     let mut stated = Vec::new();
-    if !observations.shared.is_empty() {
-        let directions = system.node_normals(&model.surface);
-        let equations = observations.shared.equations(&Linearized {
-            surface: &model.surface,
-            directions: &directions,
-            feet: &feet,
-            information: &information,
-            channels: &channels,
-        });
-        stated = equations.prior.clone();
-        // Parts are samples of the whole: the others say of their scans what these do.
+    let directions = system.node_normals(&model.surface);
+    let here = Linearized {
+        surface: &model.surface,
+        directions: &directions,
+        feet: &feet,
+        information: &information,
+        channels: &channels,
+    };
+    // Parts are samples of the whole: the others say of their scans what these do.
+    let parts = {
         let own = information.iter().filter(|&&w| w > 0.0).count().max(1) as f64;
         let others: usize = absorbed.iter().flat_map(|a| &a.used).map(|o| o.count).sum();
-        model.shared = Some(equations.into_information(1.0 + others as f64 / own));
+        1.0 + others as f64 / own
+    };
+    if !observations.shared.is_empty() {
+        let equations = observations.shared.equations(&here);
+        stated = equations.prior.clone();
+        model.shared = Some(equations.into_information(parts));
     }
     progress.check("covariance", 0.95)?;
     let mut covariance = Arc::new(model.covariance(&system)?);
     if let Some(mut information_of_shared) = model.shared.take() {
-        let less = {
-            let noise = noise_of_surface(&system, &model, &feet, &information)?;
-            observations
-                .shared
-                .noise_information(&model.surface, &noise, &feet, &information, &channels)
-        };
+        let factor = system.factorize_scalar(&model.information_along(&system, &directions)?)?;
+        let noise = noise_of_surface(&system, &here, &factor, parts)?;
+        let of_noise = observations.shared.noise_information(&here, &factor, &noise, parts)?;
         if let Some(made) = Arc::into_inner(covariance) {
-            let (made, change) = made.with_less_shared(&less, &stated)?;
+            let (made, change) = made.without_noise_of_shared(&of_noise, &stated)?;
             for (corner, change) in information_of_shared.corner.iter_mut().zip(change) {
                 *corner += change;
             }
@@ -334,18 +336,24 @@ pub(super) fn finish(
     })
 }
 
-/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf: `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1).
+/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf: `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1);
+/// there are so many `parts` of the readings as those at hand.
 ///
 /// Its covariance `Λ⁻¹ Λ_data Λ⁻¹` is less than the posterior's, which also holds the detail that the surface does not show.
 fn noise_of_surface(
     system: &SurfaceSystem,
-    model: &SurfaceModel,
-    feet: &[Foot],
-    information: &[f64],
+    at: &Linearized<'_>,
+    factor: &CholeskyFactor,
+    parts: f64,
 ) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
-    let (surface, space) = (&model.surface, system.space());
-    let directions = system.node_normals(surface);
-    let factor = system.factorize_scalar(&model.information_along(system, &directions)?)?;
+    let Linearized {
+        surface,
+        directions,
+        feet,
+        information,
+        ..
+    } = *at;
+    let space = system.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
     (0..NOISE_DRAWS)
         .map(|draw| {
@@ -353,12 +361,12 @@ fn noise_of_surface(
             let drawn: Vec<[f64; 3]> = (0..feet.len())
                 .map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng)))
                 .collect();
-            let sums = system.accumulate_along(&directions, |leaf, add| {
+            let sums = system.accumulate_along(directions, |leaf, add| {
                 for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
                     let (foot, w) = (&feet[k as usize], information[k as usize]);
                     if w > 0.0 {
                         foot.rows(surface, |r, row| {
-                            add(row, foot.normal, drawn[k as usize][r] / w.sqrt(), w)
+                            add(row, foot.normal, drawn[k as usize][r] * (parts / w).sqrt(), w)
                         });
                     }
                 }

@@ -17,7 +17,7 @@ use super::engine::{Foot, FootChannels};
 use super::observations::{Measured, Observations, Quantity, moved_viewing};
 use crate::model::{PoseReport, SharedInformation, SurfaceModel};
 use planish_estimate::Result;
-use planish_estimate::sparse::Bordered;
+use planish_estimate::sparse::{Bordered, CholeskyFactor};
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
@@ -35,10 +35,11 @@ const FREE_ROTATION: f64 = 1.0;
 const LONGEST_STEP: f64 = 0.1;
 /// Readings that took away less than this share of the variance from a direction do not determine it.
 const DETERMINED: f64 = 0.05;
-/// Readings of a scan that are enough to know how noisy its normals are.
-const ENOUGH_FOR_NOISE: usize = 2_000;
 /// Rotation by which the change of directions is found by differences, in radians.
 const DIFFERENCE: f64 = 1e-5;
+
+/// Changes of the residuals of one reading with the unknowns of its scan.
+type Rows = [[f64; UNKNOWNS]; 3];
 
 /// The unknowns of one scan.
 #[derive(Debug, Clone)]
@@ -172,15 +173,19 @@ impl SharedError {
         ray_at(self.viewing, p)
     }
 
+    /// Change of the residual of a position with all seven, linear in the normal `n`; where no ray is known it is taken along the surface's.
+    fn position_row(&self, point: [f64; 3], n: [f64; 3], normal: [f64; 3]) -> [f64; UNKNOWNS] {
+        let turn = cross(sub(point, self.center), n);
+        let along = dot(n, self.ray(point).unwrap_or(normal));
+        [n[0], n[1], n[2], turn[0], turn[1], turn[2], -along]
+    }
+
     /// Changes of the residuals of a reading with all seven.
-    fn rows(&self, surface: &Surface, foot: &Foot, point: [f64; 3], measured: &Measured) -> [[f64; UNKNOWNS]; 3] {
-        let mut rows = [[0.0; UNKNOWNS]; 3];
+    fn rows(&self, surface: &Surface, foot: &Foot, point: [f64; 3], measured: &Measured) -> Rows {
+        let mut rows = Rows::default();
         match measured {
             Measured::Position => {
-                let n = foot.normal;
-                let turn = cross(sub(point, self.center), n);
-                let along = self.ray(point).map_or(1.0, |d| dot(n, d));
-                rows[0] = [n[0], n[1], n[2], turn[0], turn[1], turn[2], -along];
+                rows[0] = self.position_row(point, foot.normal, foot.normal);
             }
             Measured::Normal(_) | Measured::Curvature(_) => {
                 for axis in 0..3 {
@@ -363,13 +368,11 @@ impl SharedErrors {
 
     /// Information of the readings about the unknowns and their coupling with the vertices.
     pub(super) fn equations(&self, at: &Linearized<'_>) -> SharedEquations {
-        let own = self.readings(at.information, at.channels);
-        // Scan by scan: each has columns of its own.
-        let parts: Vec<_> = (self.errors.par_iter().zip(&own))
-            .map(|(error, own)| error.equations(at, own))
-            .collect();
-        let (mut start, width) = (self.earlier_width(), self.width());
-        let mut made = SharedEquations::zeros(at.surface.space().node_count(), width);
+        let mut made = self.of_readings(at, |error, foot, i| {
+            let observations = at.channels.observations;
+            error.rows(at.surface, foot, observations.points[i], &observations.measured(i))
+        });
+        let width = self.width();
         if let Some(earlier) = &self.earlier {
             let m = earlier.width();
             for (row, part) in (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
@@ -384,43 +387,71 @@ impl SharedErrors {
             }
             made.pull = of_vertices.iter().map(|product| -product).collect();
         }
+        let mut start = self.earlier_width();
+        for error in &self.errors {
+            let (m, (prior, pull)) = (error.width(), error.prior());
+            for a in 0..m {
+                for b in 0..m {
+                    made.corner[(start + a) * width + start + b] += prior[a * m + b];
+                }
+                made.gradient[start + a] += pull[a];
+            }
+            put_block(&mut made.prior, width, start, &prior, m);
+            start += m;
+        }
+        made
+    }
+
+    /// The same of readings alone, each with its rows; nothing of what was stated, nor of earlier sessions.
+    fn of_readings(
+        &self,
+        at: &Linearized<'_>,
+        rows: impl Fn(&SharedError, &Foot, usize) -> Rows + Sync,
+    ) -> SharedEquations {
+        let own = self.readings(at.information, at.channels);
+        // Scan by scan: each has columns of its own.
+        let parts: Vec<_> = (self.errors.par_iter().zip(&own))
+            .map(|(error, own)| error.equations(at, own, |foot, i| rows(error, foot, i)))
+            .collect();
+        let (mut start, width) = (self.earlier_width(), self.width());
+        let mut made = SharedEquations::zeros(at.surface.space().node_count(), width);
         for (error, part) in self.errors.iter().zip(parts) {
             let m = error.width();
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
                 row[start..start + m].copy_from_slice(part);
             }
             put_block(&mut made.corner, width, start, &part.corner, m);
-            put_block(&mut made.prior, width, start, &part.prior, m);
             made.gradient[start..start + m].copy_from_slice(&part.gradient);
             start += m;
         }
         made
     }
 
-    /// What noise of the surface alone seems to say of the poses: `Σ w J Σ_n Jᵀ` with `J = ∂(n, (z − c) × n)/∂n`, over the covariance `Σ_n` of
-    /// the surface's normals at the feet, by draws of its noise.
+    /// What noise of the surface alone seems to say of the poses, the surface left open: the mean over draws of its noise of
+    /// `P − Cᵀ A⁻¹ C` with the rows `J δn` of what the noise adds to the normals at the feet, `J = ∂(n, (z − c) × n)/∂n`.
     ///
     /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a rotation is zero; those of its
-    /// noisy estimate are not, and would count as information that nobody has, whatever the σ: more noise makes more of it.
+    /// noisy estimate are not, and would count as information that nobody has, whatever the σ: more noise makes more of it. What of
+    /// it the surface itself takes up, as it would of true rows, counts for nothing in either. There are so many `parts` of the
+    /// readings as those at hand.
     pub(super) fn noise_information(
         &self,
-        surface: &Surface,
+        at: &Linearized<'_>,
+        factor: &CholeskyFactor,
         noise: &[Vec<[[f64; 3]; 16]>],
-        feet: &[Foot],
-        information: &[f64],
-        channels: &FootChannels<'_>,
-    ) -> Vec<f64> {
-        let (mut start, width) = (self.earlier_width(), self.width());
-        let own = self.readings(information, channels);
-        let parts: Vec<Vec<f64>> = (self.errors.par_iter().zip(&own))
-            .map(|(error, own)| error.noise_information(surface, noise, feet, information, channels, own))
-            .collect();
-        let mut made = vec![0.0; width * width];
-        for (error, part) in self.errors.iter().zip(parts) {
-            put_block(&mut made, width, start, &part, error.width());
-            start += error.width();
+        parts: f64,
+    ) -> Result<Vec<f64>> {
+        let mut mean = vec![0.0; self.width() * self.width()];
+        for drawn in noise {
+            let equations = self.of_readings(at, |error, foot, i| {
+                error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
+            });
+            let SharedInformation { coupling, corner } = equations.into_information(parts);
+            for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
+                *mean += seen / noise.len() as f64;
+            }
         }
-        made
+        Ok(mean)
     }
 
     /// The readings of each error's scan that take part.
@@ -582,54 +613,27 @@ impl SharedEquations {
 }
 
 impl SharedError {
-    /// [`SharedErrors::noise_information`] of one scan, by a sample of its positions.
-    fn noise_information(
-        &self,
-        surface: &Surface,
-        noise: &[Vec<[[f64; 3]; 16]>],
-        feet: &[Foot],
-        information: &[f64],
-        channels: &FootChannels<'_>,
-        own: &[u32],
-    ) -> Vec<f64> {
-        let m = self.width();
-        let mut made = vec![0.0; m * m];
-        if !self.moves() {
-            return made;
+    /// What the surface's noise adds to the [`Self::rows`] of a position: how the normal there is turned by it, both tangents together.
+    fn noise_rows(&self, surface: &Surface, drawn: &[[[f64; 3]; 16]], foot: &Foot, point: [f64; 3]) -> Rows {
+        let mut rows = Rows::default();
+        let leaf = foot.leaf as usize;
+        if let Some(frame) = surface
+            .tangent_rows(leaf, foot.local)
+            .filter(|_| foot.quantity == Quantity::Position)
+        {
+            let [a, b] = [0, 1].map(|t| -> f64 {
+                (frame.slopes[t].iter().zip(&drawn[leaf]))
+                    .map(|(s, c)| s * dot(foot.normal, *c))
+                    .sum()
+            });
+            let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
+            rows[0] = self.position_row(point, turned, foot.normal);
         }
-        let step = own.len().div_ceil(ENOUGH_FOR_NOISE).max(1);
-        for &k in own.iter().step_by(step) {
-            let (foot, w) = (&feet[k as usize], step as f64 * information[k as usize]);
-            let point = channels.observations.points[channels.subset[k as usize] as usize];
-            let leaf = foot.leaf as usize;
-            let Some(frame) = surface
-                .tangent_rows(leaf, foot.local)
-                .filter(|_| foot.quantity == Quantity::Position)
-            else {
-                continue;
-            };
-            // How the noise of the surface turns the normal here: both tangents of a draw together.
-            for drawn in noise {
-                let [a, b] = [0, 1].map(|t| -> f64 {
-                    (frame.slopes[t].iter().zip(&drawn[leaf]))
-                        .map(|(s, c)| s * dot(foot.normal, *c))
-                        .sum()
-                });
-                let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
-                let turn = cross(sub(point, self.center), turned);
-                let row = [turned[0], turned[1], turned[2], turn[0], turn[1], turn[2], 0.0];
-                for (a, &ka) in self.unknowns.iter().enumerate() {
-                    for (b, &kb) in self.unknowns.iter().enumerate() {
-                        made[a * m + b] += w / noise.len() as f64 * row[ka] * row[kb];
-                    }
-                }
-            }
-        }
-        made
+        rows
     }
 
-    /// [`SharedErrors::equations`] of one scan, by its readings `own`.
-    fn equations(&self, at: &Linearized<'_>, own: &[u32]) -> SharedEquations {
+    /// [`SharedErrors::equations`] of one scan, by its readings `own` with their `rows`.
+    fn equations(&self, at: &Linearized<'_>, own: &[u32], rows: impl Fn(&Foot, usize) -> Rows) -> SharedEquations {
         let Linearized {
             surface,
             directions,
@@ -638,18 +642,10 @@ impl SharedError {
             channels,
         } = *at;
         let (space, m) = (surface.space(), self.width());
-        let (prior, gradient) = self.prior();
-        let mut made = SharedEquations {
-            corner: prior.clone(),
-            gradient,
-            prior,
-            ..SharedEquations::zeros(space.node_count(), m)
-        };
+        let mut made = SharedEquations::zeros(space.node_count(), m);
         for &k in own {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
-            let i = channels.subset[k as usize] as usize;
-            let (point, measured) = (channels.observations.points[i], channels.observations.measured(i));
-            let rows = self.rows(surface, foot, point, &measured);
+            let rows = rows(foot, channels.subset[k as usize] as usize);
             let (nodes, weights) = space.extraction(foot.leaf as usize);
             foot.rows(surface, |r, over_leaf| {
                 let row: Vec<f64> = self.unknowns.iter().map(|&k| rows[r][k]).collect();
