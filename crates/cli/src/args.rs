@@ -426,7 +426,8 @@ Examples:
   planish next pebble.planish --views 3 --sensor examples/data/camera.toml -o views.toml
 
 Points are chosen one after the other, each the best once those before it are measured. What a reading will do to σ does not depend
-on what it will say, so nothing need be measured to know it.
+on what it will say, so nothing need be measured to know it. The model is one of the global filter: models of patches, and of sheets that bend,
+do not keep what is needed.
 
 With --views, poses of a range sensor are chosen in the same way, each with all the readings that it would take from there: in its field of view and range, under no
 more than its largest incidence, with nothing of the model in between. The outer side of a surface is the one to which its normals point. A sensor's file:

@@ -146,9 +146,20 @@ fn changes(lines: &mut Lines, worst: Change, mean: Change) {
     }
 }
 
+fn already_reached(worst: Change, mean: Change) -> String {
+    let mut lines = Lines::default();
+    lines.line("The model reaches the goal as it is: nothing need be measured.".to_owned());
+    lines.gap();
+    changes(&mut lines, worst, mean);
+    lines.into_text()
+}
+
 fn text(report: &NextJobReport) -> String {
     let next = &report.next;
     let mut lines = Lines::default();
+    if next.points.is_empty() && next.reached_goal == Some(true) {
+        return already_reached(next.worst_sigma, next.mean_sigma);
+    }
     lines.line(format!(
         "{} points to measure with σ {} {}, best first.",
         count(next.points.len()),
@@ -196,6 +207,9 @@ fn text(report: &NextJobReport) -> String {
 fn text_of_views(report: &NextViewsJobReport) -> String {
     let next = &report.next;
     let mut lines = Lines::default();
+    if next.views.is_empty() && next.reached_goal == Some(true) {
+        return already_reached(next.worst_sigma, next.mean_sigma);
+    }
     lines.line(format!(
         "{} to take, best first, of {} poses that were compared. Lengths in {}.",
         counted(next.views.len(), "view"),

@@ -24,6 +24,8 @@ pub const LEAST_COEFFICIENTS: usize = 16;
 
 /// No sensor that is worth adding errs by more than this share of the thing's size.
 const MOST_DISTANT: f64 = 0.05;
+/// σ of a pose from where a steady motion leads, above which the scan is named.
+const MOST_INNOVATION: f64 = 3.0;
 
 /// What to fit, and what to write of it.
 #[derive(Debug, Clone, Default)]
@@ -151,6 +153,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
             .push("no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned());
     }
     report.warnings.extend(unclassified(job, &set));
+    report.warnings.extend(unsteady(&report));
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
     for (state, outputs) in &states {
@@ -224,6 +227,22 @@ fn write(
     provenance.push(session(job, set));
     progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)
+}
+
+/// Scans of a moving thing that do not go on as those before them.
+fn unsteady(report: &FitReport) -> Vec<String> {
+    let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
+    let off = motion
+        .iter()
+        .flat_map(|m| &m.poses)
+        .filter(|pose| pose.innovation > MOST_INNOVATION);
+    off.map(|pose| {
+        format!(
+            "{}: at {} s the thing is {:.0} σ from where a steady motion would have it: is the time of the scan right, and does the thing turn steadily?",
+            pose.scan, pose.time_s, pose.innovation
+        )
+    })
+    .collect()
 }
 
 /// Every reading was set aside: a model that nothing was added to is no result.

@@ -32,6 +32,9 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// A direction with a larger σ, in degrees, is not known.
+const MOST_SIGMA_DEG: f64 = 90.0;
+
 /// What is to be sensed, from which files.
 #[derive(Debug, Clone)]
 pub enum SenseKind {
@@ -279,6 +282,15 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         warnings
             .push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
     }
+    let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
+    let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
+    if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
+        warnings.push(format!(
+            "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin of [stripes], and the projector, those of the picture?",
+            sensed.observations,
+            sensed.observations + lost
+        ));
+    }
     progress.check(WRITING_STAGE, 0.95)?;
     let written = job
         .outputs
@@ -440,7 +452,27 @@ fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, prog
     let known = read_lights(calibration)?;
     let read = |paths: &[PathBuf]| paths.iter().map(|p| read_brightness(p)).collect::<Result<Vec<Image>>>();
     let pictures = read(images)?;
+    let mask_file = mask;
     let mask = mask.map(read_brightness).transpose()?;
+    let first = (pictures.first()).map_or((0, 0), |p| (p.columns, p.rows));
+    for (file, picture) in images
+        .iter()
+        .map(PathBuf::as_path)
+        .chain(mask_file)
+        .zip(pictures.iter().chain(&mask))
+    {
+        if (picture.columns, picture.rows) != first {
+            return Err(Error::input(format!(
+                "{}: needed {} × {} pixels like {}, found {} × {}",
+                file.display(),
+                first.0,
+                first.1,
+                images[0].display(),
+                picture.columns,
+                picture.rows
+            )));
+        }
+    }
     progress.check("lights", 0.1)?;
     let blame = |e: Error| e.in_context(calibration.display());
     let mut more_inputs = Vec::new();
@@ -467,9 +499,9 @@ fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, prog
 }
 
 fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
-    if !(sigma_deg.is_finite() && sigma_deg > 0.0) {
+    if !(sigma_deg > 0.0 && sigma_deg < MOST_SIGMA_DEG) {
         return Err(Error::input(format!(
-            "needed a σ of the normals > 0, in degrees, found {sigma_deg}"
+            "needed a σ of the normals above 0 and below {MOST_SIGMA_DEG} degrees, found {sigma_deg}"
         )));
     }
     let picture = read_picture(image)?;

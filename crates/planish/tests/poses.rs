@@ -277,7 +277,9 @@ fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
             (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
         }
         let aligned = fit_scene(&scene, true);
-        all.extend((aligned.report.poses.iter().zip(&truths).skip(1)).map(|(report, truth)| squared_error(report, truth)));
+        all.extend(
+            (aligned.report.poses.iter().zip(&truths).skip(1)).map(|(report, truth)| squared_error(report, truth)),
+        );
     }
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     println!("mean square error over covariance {mean:.2} (6 wanted): {all:.1?}");

@@ -230,6 +230,26 @@ fn a_freeform_without_symmetry_is_told_so() {
 }
 
 #[test]
+fn a_scan_at_another_time_than_stated_stands_out() {
+    let mut scene = turning(&TurningOptions {
+        readings: 16_000,
+        views: 5,
+        ..TurningOptions::default()
+    })
+    .unwrap();
+    scene.set.scans[3].scan.time_s = Some(2.4);
+    let options = FitOptions {
+        motion: Some(ThingMotion::Rigid),
+        ..FitOptions::default()
+    };
+    let fitted = fit(&scene.set, &options, &Silent).unwrap();
+    let motion = fitted.report.propagation.unwrap().motion.unwrap();
+    let innovations: Vec<f64> = motion.poses.iter().map(|pose| pose.innovation).collect();
+    println!("{innovations:?}");
+    assert!(innovations[3] > 3.0 && innovations[2] < 2.0);
+}
+
+#[test]
 fn pose_and_rate_of_a_turning_thing_lie_within_their_sigma() {
     let (mut rate_error, mut pose_error) = (0.0, 0.0);
     let seeds = [1, 2, 3];
@@ -269,7 +289,12 @@ fn pose_and_rate_of_a_turning_thing_lie_within_their_sigma() {
         let points: Vec<_> = seen.map(|r| (r.point.position, r.point.normal)).collect();
         let (rms, coverage, _) = judge(&fitted, &points, Some(Observed::Measured));
         println!("measured {rms}, coverage {coverage}");
-        assert!(rms < 0.1);
+        assert!(rms < 0.1 && coverage > 0.88);
+        assert!(
+            motion.poses.iter().all(|pose| pose.innovation < 2.0),
+            "{:?}",
+            motion.poses
+        );
     }
     println!("squares over variance: rate {rate_error}, poses {pose_error}");
     // Of one number and of three, over three scenes: pose errors of a scene are alike, as they share its first scan.

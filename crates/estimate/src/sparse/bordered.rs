@@ -166,8 +166,8 @@ impl Bordered {
             if share > MOST_NOISE { 0.0 } else { 1.0 - share }
         });
         let least = Cholesky::new(DMatrix::from_column_slice(m, m, least)).ok_or_else(wrong)?;
-        let after = (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0))))
-            .ok_or_else(wrong)?;
+        let after =
+            (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0)))).ok_or_else(wrong)?;
         let change = (&after - before).as_slice().to_vec();
         self.complement = Cholesky::new(after).ok_or_else(wrong)?;
         Ok((self, change))
@@ -383,7 +383,11 @@ mod tests {
         // A tenth is taken off, as far as the least allows; of what is mostly noise only the least is left.
         for (k, s) in of_noise(0.1).iter().enumerate() {
             let floor = if least[k] > 0.0 { least[k] } else { f64::NEG_INFINITY };
-            assert!(*s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2, "{s} {}", before[k]);
+            assert!(
+                *s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2,
+                "{s} {}",
+                before[k]
+            );
         }
         for (s, least) in of_noise(0.9).iter().zip(&least) {
             assert!((s - least).abs() < 1e-12);

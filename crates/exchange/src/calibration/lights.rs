@@ -117,8 +117,8 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
         (
             "sigma_light_deg",
             t.sigma_light_deg,
-            t.sigma_light_deg >= 0.0,
-            "a finite number that is not negative",
+            (0.0..90.0).contains(&t.sigma_light_deg),
+            "an angle from 0 to less than 90 degrees",
         ),
     ])?;
     let source = match (t.lights, t.ball) {

@@ -34,6 +34,7 @@ use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::progress::{Part, Progress};
 use crate::propagate::{self, PropagationReport, RigidTracker, SymmetryChoice};
 use large::Parts;
+use planish_estimate::vector3::{add, dot, norm, scale, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
@@ -377,7 +378,17 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
         snapshots: None,
         ..still.clone()
     };
-    let first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.0, 0.3))?;
+    let mut plain = plain;
+    let mut first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.0, 0.15))?;
+    // A thing that turns shows its sides in time: one that curves away from the scanner is no sheet.
+    if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {
+        plain.shape = Some(Shape::Ball);
+        first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.15, 0.3))?;
+    }
+    let still = FitOptions {
+        shape: plain.shape,
+        ..still
+    };
     let mut tracker = RigidTracker::new(&first, set, &order)?;
     for (k, &scan) in order.iter().enumerate().skip(1) {
         progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
@@ -391,18 +402,43 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
         tracker.follow(scan, &readings)?;
     }
     let mut moved = set.clone();
-    for posed in moved
-        .scans
-        .iter_mut()
-        .enumerate()
-        .filter_map(|(k, posed)| Some((tracker.pose(k)?, posed)))
-    {
-        let (world_from_thing, posed) = posed;
+    for (k, posed) in moved.scans.iter_mut().enumerate() {
+        let Some(world_from_thing) = tracker.pose(k) else {
+            continue;
+        };
         posed.scan.world_from_scanner = world_from_thing.inverse().after(&posed.scan.world_from_scanner);
+        // The whole says more of the poses than the first scan did: they stay unknowns, known as well as the motion knows them.
+        if k != order[0] {
+            let [translation, rotation] = tracker.sigmas(k, posed.scan.world_from_scanner.translation);
+            posed.sigma_translation = Some(translation);
+            posed.sigma_rotation_deg = Some(rotation.to_degrees());
+        }
     }
     let mut fitted = fit(&moved, &still, &Part::new(progress, 0.5, 1.0))?;
+    tracker.settle(set, &fitted.report.poses)?;
     fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
     Ok(fitted)
+}
+
+/// Whether more than a few percent of what was measured faces away from the middle of it by more than `acos(0.4)`, 66°.
+fn curves_away(fitted: &Fit) -> bool {
+    let surface = &fitted.model.surface;
+    let areas: Vec<[f64; 3]> = (0..surface.space().leaves().len())
+        .filter(|&leaf| fitted.model.observed[leaf].is_measured())
+        .filter_map(|leaf| {
+            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
+            Some(scale(surface.leaf_area(leaf), surface.normal(u, v)?))
+        })
+        .collect();
+    let Some(towards) = unit(areas.iter().fold([0.0; 3], |sum, a| add(sum, *a))) else {
+        return true;
+    };
+    let all: f64 = areas.iter().map(|a| norm(*a)).sum();
+    let away: f64 = (areas.iter().map(|a| (norm(*a), dot(*a, towards))))
+        .filter(|(area, facing)| *facing < 0.4 * area)
+        .map(|(area, _)| area)
+        .sum();
+    away > 0.03 * all
 }
 
 /// Completes the observations by what the options ask for, and settles a surface on all of them.

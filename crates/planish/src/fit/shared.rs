@@ -447,7 +447,10 @@ impl SharedErrors {
                 error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
             });
             let SharedInformation { coupling, corner } = equations.into_information(parts);
-            for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
+            for (mean, seen) in mean
+                .iter_mut()
+                .zip(Bordered::complement_of(factor, &coupling, &corner)?)
+            {
                 *mean += seen / noise.len() as f64;
             }
         }

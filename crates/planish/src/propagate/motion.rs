@@ -11,13 +11,16 @@
 //!
 //! Positions are about the middle of the thing, so that turn and translation are nearly independent.
 //!
-//! Not guaranteed: that parts which the first scan did not see are used; turns of more than about forty degrees from scan to scan are not found.
+//! Then all scans are fitted together, with these poses as what was known of them before, four times weaker than found: the surface of all scans says more of
+//! each pose than that of the first. [`RigidTracker::settle`] takes them back, and the steady motion nearest to them.
+//!
+//! Not guaranteed: turns of more than about forty degrees from scan to scan are not found.
 //!
 //! # References
 //! Bell & Cathey, *The iterated Kalman filter update as a Gauss–Newton method*, IEEE TAC 38 (1993).
 
 use crate::fit::{Fit, Observations};
-use crate::model::Observed;
+use crate::model::{Observed, PoseReport};
 use nalgebra::{Matrix6, SMatrix, Vector6};
 use planish_estimate::sparse::CholeskyFactor;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub};
@@ -45,6 +48,8 @@ const START_TURNS_DEG: [f64; 6] = [-32.0, -21.0, -10.0, 10.0, 21.0, 32.0];
 const LEAST_COSINE: f64 = 0.5;
 /// Share of a scan's readings that meets the surface, at least.
 const LEAST_MET: f64 = 0.2;
+/// How much weaker than found the poses go into the fit of all scans.
+const WEAKER: f64 = 4.0;
 /// Change of the velocity over the whole time, as a share of one radian (of the size) over it.
 const UNSTEADINESS: f64 = 0.01;
 
@@ -91,6 +96,9 @@ pub struct MotionPose {
     pub sigma_rotation_deg: [f64; 3],
     /// Readings that met the surface of the first scan.
     pub readings: usize,
+    /// How far it is from where the scans before it lead, as a steady motion: `√(dᵀ C⁻¹ d / 6)` with the covariance `C` of that prediction. About one or less;
+    /// zero of the first two scans, before which no motion is known.
+    pub innovation: f64,
 }
 
 /// The scans in the order of their times.
@@ -147,6 +155,7 @@ struct Known {
     pose: Pose,
     covariance: Matrix6<f64>,
     readings: usize,
+    innovation: f64,
 }
 
 /// A reading of a scan, about the middle.
@@ -230,6 +239,7 @@ impl<'a> RigidTracker<'a> {
                 pose: Pose::identity(),
                 covariance: Matrix6::zeros(),
                 readings: first.report.observations,
+                innovation: 0.0,
             }],
             times,
         })
@@ -300,12 +310,18 @@ impl<'a> RigidTracker<'a> {
             pose = pose.after(&exp(&by));
             posterior = total.inverse();
         }
+        let away = log(&predicted.inverse().after(&pose));
+        let innovation = match self.known.len() {
+            1 => 0.0,
+            _ => ((away.transpose() * prior * away)[0] / 6.0).max(0.0).sqrt(),
+        };
         self.correct(&predicted, pose, &prior, &posterior);
         self.known.push(Known {
             scan,
             pose,
             covariance: self.covariance_on_surface(&pose, &readings, scale_of_variance, &prior, &posterior)?,
             readings: met,
+            innovation,
         });
         Ok(())
     }
@@ -497,6 +513,83 @@ impl<'a> RigidTracker<'a> {
         Some(about_origin(&known.pose, self.middle))
     }
 
+    /// σ of where a scanner stands in the thing's frame, and of its turn: the largest along any axis, with the arm from the middle.
+    pub(crate) fn sigmas(&self, scan: usize, scanner: [f64; 3]) -> [f64; 2] {
+        let known = self.known.iter().find(|known| known.scan == scan);
+        let largest = |from: usize| {
+            let variances = known.map_or([0.0; 3], |known| {
+                [0, 1, 2].map(|k| known.covariance[(from + k, from + k)])
+            });
+            WEAKER * variances.into_iter().fold(0.0, f64::max).sqrt()
+        };
+        let (turn, shift) = (largest(0), largest(3));
+        let arm = norm(sub(scanner, self.middle));
+        [(shift * shift + (arm * turn).powi(2)).sqrt(), turn]
+    }
+
+    /// Takes the poses that the fit of all scans found, and the steady motion that is nearest to them, `T(t) = exp(ξ t)`: `ξ = (Σ t² W)⁻¹ Σ t W log T(t)`,
+    /// `W` the inverse of a pose's covariance.
+    ///
+    /// The poses stand on one surface and err alike. How much so is not known from their covariances one by one; that of `ξ` is of errors that are
+    /// wholly common, the largest that it may be but for the turns of their axes.
+    ///
+    /// # Errors
+    /// `Undetermined` where a covariance has no inverse.
+    pub(crate) fn settle(&mut self, set: &ScanSet, poses: &[PoseReport]) -> Result<()> {
+        let start = self.times[0];
+        let (mut information, mut pull) = (Matrix6::zeros(), Vector6::zeros());
+        let (mut roots, mut found) = (Matrix6::zeros(), 0);
+        for (known, &time) in self.known.iter_mut().zip(&self.times).skip(1) {
+            let report = &poses[known.scan];
+            let Some((covariance, thing_from_scanner)) = report
+                .covariance
+                .zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation))
+            else {
+                continue;
+            };
+            let world_from_thing = set.scans[known.scan]
+                .scan
+                .world_from_scanner
+                .after(&thing_from_scanner.inverse());
+            known.pose = about_origin(&world_from_thing, scale(-1.0, self.middle));
+            // A scanner that is moved by E in the thing's frame moves the thing by E⁻¹: −ω, and −(τ + ω × arm) of the middle.
+            let arm = sub(self.middle, thing_from_scanner.translation);
+            let mut by = Matrix6::zeros();
+            for axis in 0..3 {
+                by[(axis, 3 + axis)] = -1.0;
+                by[(3 + axis, axis)] = -1.0;
+                let mut turn = [0.0; 3];
+                turn[axis] = 1.0;
+                for (k, moved) in cross(turn, arm).into_iter().enumerate() {
+                    by[(3 + k, 3 + axis)] = -moved;
+                }
+            }
+            known.covariance = by * Matrix6::from_fn(|a, b| covariance[a][b]) * by.transpose();
+            let symmetric = 0.5 * (known.covariance + known.covariance.transpose());
+            let weight = (symmetric.cholesky())
+                .ok_or_else(|| Error::undetermined(format!("{}: its pose has no covariance", report.scan)))?
+                .inverse();
+            let eigen = symmetric.symmetric_eigen();
+            let root = eigen.eigenvectors
+                * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
+                * eigen.eigenvectors.transpose();
+            let since = time - start;
+            information += weight * (since * since);
+            pull += weight * log(&known.pose) * since;
+            roots += weight * root * since;
+            found += 1;
+        }
+        let Some(inverse) = information.cholesky().filter(|_| found > 0).map(|c| c.inverse()) else {
+            return Ok(());
+        };
+        self.twist = inverse * pull;
+        let common = inverse * roots;
+        self.covariance
+            .fixed_view_mut::<6, 6>(6, 6)
+            .copy_from(&(common * common.transpose()));
+        Ok(())
+    }
+
     /// What was found.
     pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
@@ -539,6 +632,7 @@ impl<'a> RigidTracker<'a> {
                         sigma_translation: [3, 4, 5].map(sigma),
                         sigma_rotation_deg: [0, 1, 2].map(|k| sigma(k).to_degrees()),
                         readings: known.readings,
+                        innovation: known.innovation,
                     }
                 })
                 .collect(),
