@@ -33,7 +33,7 @@ use crate::model::{Observed, Posterior, SensorReport};
 use crate::progress::{Part, Progress};
 use crate::propagate::{BendingReport, BendingState, PropagationReport, State, states_in_time};
 use planish_estimate::vector3::add_scaled;
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
 use state::{Laid, Sheet};
@@ -155,9 +155,13 @@ fn follow(
             previous: &previous,
             options,
         };
-        let laid = sheet
-            .settle(&mut observations, &progress)
-            .map_err(|e| e.in_context(state.name(set)))?;
+        let laid = sheet.settle(&mut observations, &progress).map_err(|e| match e.kind() {
+            ErrorKind::Undetermined => e.in_context(format!(
+                "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape one?",
+                state.name(set)
+            )),
+            _ => e.in_context(state.name(set)),
+        })?;
         let Laid { settled, beyond, held } = laid;
         let quiet = crate::progress::Silent;
         let mut made =
