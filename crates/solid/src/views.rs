@@ -24,6 +24,7 @@ mod profile;
 mod search;
 mod sight;
 mod surfaces;
+mod tidy;
 #[cfg(test)]
 mod tests;
 
@@ -76,6 +77,11 @@ pub struct Solutions {
 /// was found, naming lines that none explains.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
+    let size = drawing.size();
+    let tidy = Drawing {
+        views: drawing.views.iter().map(|v| tidy::tidied(v, size)).collect(),
+    };
+    let drawing = &tidy;
     let plan = plan::Plan::of(drawing);
     let cells = cells::Cells::of(&plan)?;
     let looks = sight::Looks::at(&cells, drawing);

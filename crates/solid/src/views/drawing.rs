@@ -136,3 +136,17 @@ pub struct Drawing {
     /// At most one of each kind.
     pub views: Vec<View>,
 }
+
+impl Drawing {
+    /// The larger side of the box around everything that is drawn.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        let points = || self.views.iter().flat_map(|v| &v.curves).flat_map(|c| c.curve.points());
+        (0..2)
+            .map(|a| {
+                let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
+                hi - lo
+            })
+            .fold(0.0, f64::max)
+    }
+}
