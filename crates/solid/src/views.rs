@@ -24,9 +24,9 @@ mod profile;
 mod search;
 mod sight;
 mod surfaces;
-mod tidy;
 #[cfg(test)]
 mod tests;
+mod tidy;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
@@ -77,10 +77,7 @@ pub struct Solutions {
 /// was found, naming lines that none explains.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
-    let size = drawing.size();
-    let tidy = Drawing {
-        views: drawing.views.iter().map(|v| tidy::tidied(v, size)).collect(),
-    };
+    let tidy = tidy::tidied(drawing);
     let drawing = &tidy;
     let plan = plan::Plan::of(drawing);
     let cells = cells::Cells::of(&plan)?;

@@ -44,12 +44,24 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
     maker.surfaces = maker.used().into_iter().map(|id| Drawn::of(cells, id)).collect();
     maker.make_edges();
     maker.make_faces()?;
+    maker.solid.part_vertices();
     Ok(maker.solid)
 }
 
 impl Maker<'_> {
     fn is_solid(&self, p: [f64; 3]) -> bool {
         self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
+    }
+
+    /// Whether a piece other than the one given passes so near a point of a box.
+    fn touched(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
+        let plan = self.cells.plan;
+        plan.views.iter().enumerate().any(|(v, view)| {
+            let axes = view.kind.axes();
+            pieces_in(plan, v, cell)
+                .iter()
+                .any(|&n| but != Some((v, n)) && view.profile(n).value([p[axes[0]], p[axes[1]]]).abs() < near)
+        })
     }
 
     /// Surfaces with different states on their sides anywhere.
@@ -82,9 +94,16 @@ impl Maker<'_> {
                                 shares[(axis + 1) % 3] = *t;
                                 shares[axis] = 0.0;
                                 let mut p = at(shares);
+                                let back = step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
+                                let mut before = cell;
+                                before[axis] -= 1;
+                                if self.touched(p, cell, 3.0 * step, None) || self.touched(p, before, 3.0 * step, None)
+                                {
+                                    continue;
+                                }
                                 p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
                                 let here = self.is_solid(p);
-                                p[axis] = lo[axis] - step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
+                                p[axis] = lo[axis] - back;
                                 if here != self.is_solid(p) {
                                     used.insert(id);
                                 }
@@ -101,6 +120,11 @@ impl Maker<'_> {
                                 let m = profile.point(found.from + (found.to - found.from) * s);
                                 let normal = profile.normal(m);
                                 for t in samples {
+                                    let mut on = at([*t; 3]);
+                                    (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
+                                    if self.touched(on, cell, 3.0 * step, Some((v, piece))) {
+                                        continue;
+                                    }
                                     let side = |sign: f64| {
                                         let mut p = at([*t; 3]);
                                         p[axes[0]] = m[0] + sign * step * normal[0];

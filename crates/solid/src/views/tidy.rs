@@ -1,12 +1,12 @@
 //! Curves tidied: what drawing programs leave in pieces, or fit only roughly, on the circle that it means.
 //!
-//! Comes in: the curves of a view. Goes out: the same curves, where an arc or a short chord whose points lie on another arc's circle is on that
+//! Comes in: a drawing. Goes out: the same curves, where an arc or a short chord whose points lie on another arc's circle is on that
 //! very circle, and circles whose points allow it have round centres and radii. Exported outlines are cut at every crossing; a circle fitted to
 //! a short piece has a centre far off, though the piece itself is where it should be.
 //!
 //! Not guaranteed: ellipses and splines are left as they are.
 
-use super::drawing::{Curve2, DrawnCurve, View, distance};
+use super::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
 use std::f64::consts::TAU;
 
 /// Points of arcs within this share of the drawing's size of a circle lie on it.
@@ -15,7 +15,12 @@ const ON_CIRCLE: f64 = 2e-5;
 const CHORD_ENDS: f64 = 1e-6;
 /// Curves shorter than this share of the size are crumbs that tell nothing.
 const SHORTEST: f64 = 3e-7;
-/// Circles are moved to round values where their points move by no more than this share of the size, plus [`ROUND_LENGTH`].
+/// Arcs that turn by less (in radians) and rise above their chord by less than this share of the size stand for no circle of their own.
+const SLIVER_SWEEP: f64 = 0.1;
+const SLIVER_RISE: f64 = 1e-4;
+/// Circles are moved to very round values, or to lines that touch them, where their points stay within this share of the size.
+const FIT: f64 = 1e-6;
+/// Circles are moved to round values where their points stay within this share of the size, plus [`ROUND_LENGTH`].
 const ROUND: f64 = 5e-8;
 const ROUND_LENGTH: f64 = 4e-6;
 
@@ -51,22 +56,84 @@ impl Circle {
         }
     }
 
-    /// Round centre and radius, where all points stay within a distance.
-    fn rounded(self, points: &[[f64; 2]], within: f64) -> Self {
-        let round = |v: f64| (v * 1e4).round() / 1e4;
-        let round = Self {
-            center: self.center.map(round),
-            radius: round(self.radius),
+    /// The circle that these points mean: of round centre and radius, or between straight lines of all views that touch it, where the points
+    /// allow it.
+    fn meant(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
+        let round = |step: f64| Self {
+            center: self.center.map(|v| (v / step).round() * step),
+            radius: (self.radius / step).round() * step,
         };
-        match round.radius > 0.0 && points.iter().all(|p| round.off(*p) <= within) {
-            true => round,
-            false => self,
-        }
+        let far = FIT * size;
+        let candidates = [
+            (Some(round(1e-2)), far),
+            (self.between(lines, far), far),
+            (Some(round(1e-4)), ROUND * size + ROUND_LENGTH),
+        ];
+        candidates
+            .into_iter()
+            .filter_map(|(circle, within)| Some((circle?, within)))
+            .find(|(c, within)| c.radius > 0.0 && points.iter().all(|p| c.off(*p) <= *within))
+            .map_or(self, |(c, _)| c)
+    }
+
+    /// The circle whose extremes are coordinates of lines: of both axes where both have them.
+    fn between(&self, lines: [&[f64]; 2], within: f64) -> Option<Self> {
+        let near = |k: usize, value: f64| {
+            let at = lines[k].partition_point(|v| *v < value - within);
+            lines[k].get(at).copied().filter(|v| (v - value).abs() <= within)
+        };
+        let spans = [0, 1].map(|k| {
+            Some([
+                near(k, self.center[k] - self.radius)?,
+                near(k, self.center[k] + self.radius)?,
+            ])
+        });
+        let radii: Vec<f64> = spans.iter().flatten().map(|s| (s[1] - s[0]) / 2.0).collect();
+        let radius = radii.iter().sum::<f64>() / radii.len() as f64;
+        (!radii.is_empty()).then(|| Self {
+            center: [0, 1].map(|k| spans[k].map_or(self.center[k], |s| (s[0] + s[1]) / 2.0)),
+            radius,
+        })
     }
 }
 
-/// A view with its curves tidied, for a drawing of a size.
-pub(super) fn tidied(view: &View, size: f64) -> View {
+/// Whether an arc is hardly bent: exporters draw parts of the curves between two cylinders in this way, and no cylinder is meant.
+fn is_sliver(curve: &Curve2, size: f64) -> bool {
+    match curve {
+        Curve2::Arc { radius, sweep, .. } => {
+            *sweep < SLIVER_SWEEP && radius * (1.0 - (sweep / 2.0).cos()) < SLIVER_RISE * size
+        }
+        _ => false,
+    }
+}
+
+/// A drawing with its curves tidied.
+pub(super) fn tidied(drawing: &Drawing) -> Drawing {
+    let size = drawing.size();
+    let mut lines: [Vec<f64>; 3] = Default::default();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            if let Curve2::Segment(a, b) = &drawn.curve {
+                for k in (0..2).filter(|&k| (a[k] - b[k]).abs() <= CHORD_ENDS * size) {
+                    lines[axes[k]].push(a[k]);
+                }
+            }
+        }
+    }
+    for values in &mut lines {
+        values.sort_by(f64::total_cmp);
+    }
+    let tidy = |view: &View| {
+        let axes = view.kind.axes();
+        tidied_view(view, [&lines[axes[0]], &lines[axes[1]]], size)
+    };
+    Drawing {
+        views: drawing.views.iter().map(tidy).collect(),
+    }
+}
+
+fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
     let mut circles: Vec<Circle> = Vec::new();
     let mut curves = view.curves.clone();
     // What spans most of a circle tells best where it is.
@@ -90,8 +157,12 @@ pub(super) fn tidied(view: &View, size: f64) -> View {
             far(a).total_cmp(&far(b))
         }) {
             Some(circle) => *circle,
+            None if is_sliver(&curves[index].curve, size) => {
+                curves[index].curve = Curve2::Chain(points);
+                continue;
+            }
             None => {
-                let circle = Circle { center, radius }.rounded(&points, ROUND * size + ROUND_LENGTH);
+                let circle = Circle { center, radius }.meant(&points, lines, size);
                 circles.push(circle);
                 circle
             }
