@@ -113,6 +113,20 @@ impl Solid {
         shells
     }
 
+    /// Takes out edges that no loop uses.
+    pub(crate) fn drop_unused_edges(&mut self) {
+        let mut new_of: Vec<Option<usize>> = vec![None; self.edges.len()];
+        let mut edges = Vec::new();
+        for coedge in self.faces.iter_mut().flat_map(|f| &mut f.loops).flatten() {
+            let new = *new_of[coedge.edge].get_or_insert_with(|| {
+                edges.push(self.edges[coedge.edge].clone());
+                edges.len() - 1
+            });
+            coedge.edge = new;
+        }
+        self.edges = edges;
+    }
+
     /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they share none.
     pub(crate) fn part_vertices(&mut self) {
         // Each edge has two ends; a loop's corner joins two of them.

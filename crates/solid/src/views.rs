@@ -21,12 +21,14 @@ mod column;
 mod drawing;
 mod plan;
 mod profile;
+mod rings;
 mod search;
 mod sight;
 mod surfaces;
 #[cfg(test)]
 mod tests;
 mod tidy;
+mod touching;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
