@@ -83,6 +83,122 @@ fn a_boundary_with_a_face_missing_is_refused() {
     assert!(solid.check(1e-6).is_err());
 }
 
+fn circle(center: [f64; 2], radius: f64) -> Curve2 {
+    arc(center, radius, 0.0, TAU)
+}
+
+fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
+    Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    }
+}
+
+fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+    segment(a, b, LineStyle::Hidden)
+}
+
+fn visible(curve: Curve2) -> DrawnCurve {
+    drawn(curve, LineStyle::Visible)
+}
+
+fn three(front: Vec<DrawnCurve>, top: Vec<DrawnCurve>, side: Vec<DrawnCurve>) -> Drawing {
+    let views = ViewKind::ALL.into_iter().zip([front, top, side]);
+    Drawing {
+        views: views.map(|(kind, curves)| View { kind, curves }).collect(),
+    }
+}
+
+fn only(drawing: &Drawing) -> Solution {
+    let mut found = solve(drawing).unwrap();
+    assert_eq!(found.solutions.len(), 1);
+    found.solutions.remove(0)
+}
+
+#[test]
+fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
+    let mut drawing = box_with_hole();
+    let top = &mut drawing.views[1].curves;
+    top.pop();
+    let on = |angle: f64| [20.0 + 6.0 * angle.cos(), 15.0 + 6.0 * angle.sin()];
+    // The last piece is where it should be, on a circle whose centre is off by 0.01.
+    let (off, sweep) = (0.01, 0.083);
+    let turn = TAU - sweep / 2.0;
+    let center = [20.0 + off * turn.cos(), 15.0 + off * turn.sin()];
+    let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+    let (from, to) = (on(TAU - sweep), on(0.0));
+    let radius = (to[0] - center[0]).hypot(to[1] - center[1]);
+    top.push(visible(arc([20.0, 15.0], 6.0, 0.0, TAU - sweep)));
+    top.push(visible(arc(center, radius, angle(from), angle(to) - angle(from))));
+    // And a crumb of it is drawn once more, as its chord.
+    top.push(segment(on(1.0), on(1.0005), LineStyle::Visible));
+    let Solution { solid, measures, .. } = only(&drawing);
+    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
+}
+
+#[test]
+fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
+    let mut drawing = box_with_hole();
+    let top = &mut drawing.views[1].curves;
+    top.pop();
+    top.push(visible(circle([20.000_01, 14.999_995], 6.000_01)));
+    let Solution { solid, measures, .. } = only(&drawing);
+    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
+}
+
+#[test]
+fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
+    let side = |at: [f64; 2]| {
+        let mut curves = rectangle([0.0, 0.0], [20.0, 20.0]);
+        curves.extend(at.map(|u| hidden([u, 0.0], [u, 20.0])));
+        curves
+    };
+    let mut top = rectangle([0.0, 0.0], [20.0, 20.0]);
+    top.push(visible(circle([5.0, 10.0], 5.0)));
+    let mut front = rectangle([0.0, 0.0], [20.0, 20.0]);
+    front.push(hidden([10.0, 0.0], [10.0, 20.0]));
+    let Solution { solid, measures, .. } = only(&three(front, top, side([5.0, 15.0])));
+    // The wall on both sides of the line, and the hole cut at its seam, which lies opposite.
+    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert!((measures.volume - (8000.0 - 500.0 * PI)).abs() < 1e-8);
+}
+
+#[test]
+fn a_hole_that_touches_a_groove_from_below_is_found() {
+    let outline = [[0.0, 11.0], [0.0, 0.0], [20.0, 0.0], [20.0, 11.0]];
+    let mut front: Vec<DrawnCurve> = outline
+        .windows(2)
+        .map(|p| segment(p[0], p[1], LineStyle::Visible))
+        .collect();
+    front.push(segment([0.0, 11.0], [7.0, 11.0], LineStyle::Visible));
+    front.push(segment([13.0, 11.0], [20.0, 11.0], LineStyle::Visible));
+    front.push(visible(arc([10.0, 11.0], 3.0, PI, PI)));
+    front.extend([2.0, 8.0].map(|z| hidden([0.0, z], [20.0, z])));
+    let mut top = rectangle([0.0, 0.0], [20.0, 20.0]);
+    top.extend([7.0, 13.0].map(|x| segment([x, 0.0], [x, 20.0], LineStyle::Visible)));
+    top.extend([7.0, 13.0].map(|y| hidden([0.0, y], [20.0, y])));
+    let mut side = rectangle([0.0, 0.0], [20.0, 11.0]);
+    side.push(visible(circle([10.0, 5.0], 3.0)));
+    side.push(hidden([0.0, 8.0], [20.0, 8.0]));
+    let Solution { solid, measures, .. } = only(&three(front, top, side));
+    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert!((measures.volume - (4400.0 - 270.0 * PI)).abs() < 1e-7);
+}
+
+#[test]
+fn a_hardly_bent_arc_stands_for_no_cylinder() {
+    let mut drawing = box_with_hole();
+    let bent = arc([20.0, -30.0], 32.0, 1.56, 0.02);
+    drawing.views[1].curves.push(visible(bent));
+    let tidy = tidy::tidied(&drawing);
+    let last = &tidy.views[1].curves.last().unwrap().curve;
+    assert!(matches!(last, Curve2::Chain(_)), "{last:?}");
+}
+
 #[test]
 fn one_view_is_not_enough() {
     let mut drawing = box_with_hole();
