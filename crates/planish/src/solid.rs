@@ -82,7 +82,7 @@ pub struct SolidReport {
     pub solutions: Vec<RankedSolid>,
     /// Whether there are no others.
     pub complete: bool,
-    /// Lines that none of them explains.
+    /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
     /// What a user should know.
     pub warnings: Vec<String>,
@@ -97,7 +97,8 @@ pub struct SolidReport {
 /// Reads views, finds solids, writes them.
 ///
 /// # Errors
-/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where no solid has these views; `Io` for file trouble.
+/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines can be explained, but no boundary
+/// closes; `Io` for file trouble. That no solid has these views is an answer: no solutions, and the lines that none explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     plan(job)?;
     progress.check("reading", 0.0)?;

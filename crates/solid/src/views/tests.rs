@@ -69,10 +69,17 @@ fn a_hidden_line_that_nothing_explains_is_named() {
     let mut stray = segment([5.0, 0.0], [5.0, 20.0], LineStyle::Hidden);
     stray.entity = "LINE 7F (line 12)".to_owned();
     drawing.views[0].curves.push(stray);
-    let e = solve(&drawing).unwrap_err();
-    assert_eq!(e.kind(), planish_estimate::ErrorKind::Undetermined);
-    let said = e.to_string();
-    assert!(said.contains("LINE 7F"), "{said}");
+    let found = solve(&drawing).unwrap();
+    assert!(found.solutions.is_empty());
+    let [named] = &found.unexplained[..] else {
+        panic!("{:?}", found.unexplained)
+    };
+    assert_eq!(named.entity.as_deref(), Some("LINE 7F (line 12)"));
+    assert!(
+        named.why.starts_with("no solid shows a hidden line at 5.0000"),
+        "{}",
+        named.why
+    );
 }
 
 #[test]
