@@ -1,10 +1,10 @@
 //! `planish solid`.
 
-use crate::args::SolidArgs;
+use crate::args::{ProjectionName, SolidArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
-use planish::solid::{SolidJob, SolidReport, UnexplainedLine, solid_files};
+use planish::solid::{Projection, SolidJob, SolidReport, UnexplainedLine, solid_files};
 use planish::{ErrorKind, Result};
 use serde::Serialize;
 use std::cell::Cell;
@@ -33,6 +33,10 @@ pub fn run(args: &SolidArgs) -> u8 {
 fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Result<Summary<Body>> {
     let job = SolidJob {
         views: args.views.clone(),
+        projection: match args.projection {
+            ProjectionName::First => Projection::FirstAngle,
+            ProjectionName::Third => Projection::ThirdAngle,
+        },
         outputs: args.output.clone(),
         all: args.all,
         unit: args.common.unit.map(Into::into),

@@ -23,6 +23,7 @@ mod plan;
 mod profile;
 mod rings;
 mod search;
+mod sheet;
 mod sight;
 mod surfaces;
 #[cfg(test)]
@@ -33,6 +34,7 @@ mod touching;
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
 use planish_estimate::{Error, Result};
+pub use sheet::{Projection, views_of_sheet};
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
