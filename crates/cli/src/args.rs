@@ -398,9 +398,9 @@ Examples:
   planish solid sheet.dxf --projection third -o part.step
 
 The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
-in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found by
-that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are left out. Faces are
-planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
+in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found
+by that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are
+left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
 
 /// How views are placed on a sheet.
 #[allow(

@@ -113,6 +113,13 @@ impl<'a> Cells<'a> {
         }
     }
 
+    fn unite(&mut self, first: u32, second: u32) {
+        let (first, second) = (self.root(first), self.root(second));
+        // The least is the root, so that numbers do not depend on the order.
+        let (least, other) = (first.min(second), first.max(second));
+        self.parent[other as usize] = least;
+    }
+
     /// Whether a point lies so near a piece of its box that rounding may put it on either side.
     fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
         self.plan.views.iter().enumerate().any(|(v, view)| {
@@ -166,6 +173,12 @@ impl<'a> Cells<'a> {
 
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
+        let plain = |cell| (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+        if plain(before) && plain(behind) {
+            let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
+            self.unite(self.first[place(before)], self.first[place(behind)]);
+            return;
+        }
         let value = plan.grid[axis][at];
         let across_a = self.sections(&[before, behind], axis, value, a);
         let across_b = self.sections(&[before, behind], axis, value, b);
@@ -186,10 +199,7 @@ impl<'a> Cells<'a> {
                     continue;
                 }
                 let (first, second) = (self.atom(before, p), self.atom(behind, p));
-                let (first, second) = (self.root(first), self.root(second));
-                // The least is the root, so that numbers do not depend on the order.
-                let (least, other) = (first.min(second), first.max(second));
-                self.parent[other as usize] = least;
+                self.unite(first, second);
             }
         }
     }

@@ -225,6 +225,8 @@ fn step_on_a_sheet(projection: Projection) -> Vec<DrawnCurve> {
         ]
     };
     let mut curves = outline(&l_shape(40.0, 15.0), &front);
+    // The base's edge behind the block.
+    curves.push(hidden(front([0.0, 10.0]), front([15.0, 10.0])));
     let first = projection == Projection::FirstAngle;
     let top = |p: [f64; 2]| [p[0] + 100.0, p[1] + if first { 50.0 } else { 150.0 }];
     curves.extend(outline(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]], &top));
