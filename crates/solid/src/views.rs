@@ -3,12 +3,15 @@
 //! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
 //! best first, and the lines that none of them explains.
 //!
+//! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
 //!    Smooth (tangent) edges are no edges here, as in drafting.
-//! 5. `boundary`: the faces of what is solid, as large as they can be.
+//! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
+//!
+//! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
 //! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
 //!
