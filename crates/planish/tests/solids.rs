@@ -48,7 +48,7 @@ fn box_with(front: Vec<([f64; 2], [f64; 2], &'static str)>, folder: &Path) -> Ve
         .zip(drawn)
         .map(|(view, lines)| {
             let path = folder.join(format!("{view}.dxf"));
-            std::fs::write(&path, dxf(&lines)).unwrap();
+            std::fs::write(&path, dxf(&lines)).expect("a temporary folder can be written");
             path
         })
         .collect()
