@@ -44,6 +44,15 @@ def run(planish, folder, name):
         return seconds, said, judge(out) if out.exists() else (False, 0.0)
 
 
+def reason(said, kinds):
+    if said.get("error"):
+        return said["error"]["message"][-110:]
+    if said.get("unexplained"):
+        first = said["unexplained"][0]
+        return f"{first['view']} view, {first['entity'] or 'a missing line'}: {first['why']}"
+    return f"faces {kinds}"
+
+
 def main():
     planish, folder = sys.argv[1], pathlib.Path(sys.argv[2])
     print("| part | faces | solved | valid | volume off | solids | unexplained | s | why not |")
@@ -60,7 +69,7 @@ def main():
         if set(truth["faces"]) <= {"plane", "cylinder"}:
             plain += 1
             solved_plain += solved
-        why = "" if solved else (said.get("error") or {}).get("message", f"faces {kinds}")[-110:]
+        why = "" if solved else reason(said, kinds)
         faces = " ".join(f"{n} {k}" for k, n in truth["faces"].items())
         row = [name, faces, "yes" if solved else "no", "yes" if valid else "no", f"{off:.1e}" if found else "–"]
         row += [len(found), len(said.get("unexplained") or []), f"{seconds:.3f}", why]

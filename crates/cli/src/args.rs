@@ -395,16 +395,29 @@ const SOLID_EXAMPLES: &str = "\
 Examples:
   planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf -o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
+  planish solid sheet.dxf --projection third -o part.step
 
 The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
-in one frame, to one scale. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are left out. Faces are
-planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
+in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found
+by that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are
+left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
+
+/// How views are placed on a sheet.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; the names are those of drafting"
+)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProjectionName {
+    First,
+    Third,
+}
 
 /// Arguments of `planish solid`.
 #[derive(Debug, Args)]
 #[command(after_help = SOLID_EXAMPLES)]
 pub struct SolidArgs {
-    /// The front, top and side view as DXF files, in this order; the side view may be left out
+    /// The front, top and side view as DXF files, in this order; the side view may be left out. Or one file with all views
     #[arg(value_name = "VIEW.dxf", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     pub views: Vec<PathBuf>,
     /// Write the best solid: .step or .stp (repeatable)
@@ -413,6 +426,9 @@ pub struct SolidArgs {
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     pub all: bool,
+    /// How the views of one file are placed: first angle (Europe, the view from above stands below) or third angle (America)
+    #[arg(long, value_enum, default_value_t = ProjectionName::First)]
+    pub projection: ProjectionName,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

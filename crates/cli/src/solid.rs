@@ -1,12 +1,16 @@
 //! `planish solid`.
 
-use crate::args::SolidArgs;
+use crate::args::{ProjectionName, SolidArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
-use planish::Result;
 use planish::progress::Progress;
-use planish::solid::{SolidJob, SolidReport, solid_files};
+use planish::solid::{Projection, SolidJob, SolidReport, UnexplainedLine, solid_files};
+use planish::{ErrorKind, Result};
 use serde::Serialize;
+use std::cell::Cell;
+
+/// So many lines are named in the summary.
+const NAMED: usize = 20;
 
 /// The keys of `solid` beside the common ones.
 #[derive(Serialize)]
@@ -18,17 +22,27 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SolidArgs) -> u8 {
-    report::run("solid", &args.common, |progress| work(args, progress))
+    let is_solved = Cell::new(true);
+    let code = report::run("solid", &args.common, |progress| work(args, progress, &is_solved));
+    match code {
+        0 if !is_solved.get() => ErrorKind::Undetermined.exit_code(),
+        code => code,
+    }
 }
 
-fn work(args: &SolidArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Result<Summary<Body>> {
     let job = SolidJob {
         views: args.views.clone(),
+        projection: match args.projection {
+            ProjectionName::First => Projection::FirstAngle,
+            ProjectionName::Third => Projection::ThirdAngle,
+        },
         outputs: args.output.clone(),
         all: args.all,
         unit: args.common.unit.map(Into::into),
     };
     let report = solid_files(&job, progress)?;
+    is_solved.set(!report.solutions.is_empty());
     Ok(Summary {
         text: text(&report),
         unit: Some(report.unit),
@@ -36,7 +50,11 @@ fn work(args: &SolidArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         outputs: report.written.clone(),
         warnings: report.warnings.clone(),
         body: Body {
-            termination: if report.complete { "converged" } else { "limit" },
+            termination: match (report.solutions.is_empty(), report.complete) {
+                (true, _) => "undetermined",
+                (false, true) => "converged",
+                (false, false) => "limit",
+            },
             report,
         },
     })
@@ -45,6 +63,24 @@ fn work(args: &SolidArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
 fn text(report: &SolidReport) -> String {
     let mut lines = Lines::default();
     let n = report.solutions.len();
+    if n == 0 {
+        lines.line("No solid has these views. What none explains:");
+        lines.gap();
+        let named = |u: &UnexplainedLine| {
+            let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
+            vec![u.view.to_owned(), entity, u.why.clone()]
+        };
+        let rows: Vec<Vec<String>> = report.unexplained.iter().take(NAMED).map(named).collect();
+        let columns = [("view", Align::Left), ("entity", Align::Left), ("why", Align::Left)];
+        lines.table(&columns, &rows);
+        if report.unexplained.len() > NAMED {
+            lines.line(format!(
+                "and {} more (--json names all)",
+                report.unexplained.len() - NAMED
+            ));
+        }
+        return lines.into_text();
+    }
     lines.line(match n {
         1 => "One solid has these views.".to_owned(),
         _ => format!("{} solids have these views, best first.", count(n)),

@@ -1,6 +1,6 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Comes in: DXF files, one a view. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
+//! Comes in: DXF files, one a view, or one with all views. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
 //! them explains.
 
 use crate::output::refuse_input_as_output;
@@ -10,7 +10,8 @@ use planish_exchange::dxf::read_dxf;
 use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
-use planish_solid::views::{Drawing, View, ViewKind, solve};
+pub use planish_solid::views::Projection;
+use planish_solid::views::{Drawing, View, ViewKind, solve, views_of_sheet};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,10 @@ const UNCERTAINTY_MM: f64 = 1e-5;
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF files of the front, top and side view, in this order; the side view may be left out.
+    /// DXF files of the front, top and side view, in this order; the side view may be left out. One file holds all views.
     pub views: Vec<PathBuf>,
+    /// How the views of one file are placed.
+    pub projection: Projection,
     /// STEP files to write.
     pub outputs: Vec<PathBuf>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
@@ -67,7 +70,7 @@ pub struct RankedSolid {
 /// A line that no solid explains.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct UnexplainedLine {
-    /// `front`, `top` or `side`.
+    /// `front`, `top` or `side`; `left` where a sheet shows the part from −x.
     pub view: &'static str,
     /// The entity by kind, handle and line of the file; none where a line is missing.
     pub entity: Option<String>,
@@ -82,7 +85,7 @@ pub struct SolidReport {
     pub solutions: Vec<RankedSolid>,
     /// Whether there are no others.
     pub complete: bool,
-    /// Lines that none of them explains.
+    /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
     /// What a user should know.
     pub warnings: Vec<String>,
@@ -97,7 +100,8 @@ pub struct SolidReport {
 /// Reads views, finds solids, writes them.
 ///
 /// # Errors
-/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where no solid has these views; `Io` for file trouble.
+/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines can be explained, but no boundary
+/// closes; `Io` for file trouble. That no solid has these views is an answer: no solutions, and the lines that none explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     plan(job)?;
     progress.check("reading", 0.0)?;
@@ -180,9 +184,9 @@ fn numbered(path: &Path, rank: usize) -> PathBuf {
 }
 
 fn plan(job: &SolidJob) -> Result<()> {
-    if !(2..=3).contains(&job.views.len()) {
+    if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "needed DXF files of the front, top and side view, in this order (the side may be left out), found {}",
+            "needed DXF files of the front, top and side view, in this order (the side may be left out), or one file with all of them, found {}",
             job.views.len()
         )));
     }
@@ -207,8 +211,11 @@ fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
         let name = path.display();
         if found.curves.is_empty() {
             return Err(Error::input(format!(
-                "{name}: needed lines, arcs or circles of the {} view, found none",
-                kind.name()
+                "{name}: needed lines, arcs or circles of {}, found none",
+                match job.views.len() {
+                    1 => "two or three views".to_owned(),
+                    _ => format!("the {} view", kind.name()),
+                }
             )));
         }
         if let (Some(a), Some(b)) = (unit, found.unit)
@@ -227,6 +234,10 @@ fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
             kind,
             curves: found.curves,
         });
+    }
+    if let [path] = &job.views[..] {
+        let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
+        drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
     check_extents(&drawing, &job.views)?;
     Ok((drawing, unit.or(job.unit).unwrap_or(Unit::Millimetre)))
@@ -258,12 +269,12 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
                 return Err(Error::input(format!(
                     "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}: needed views of one scale in one frame",
-                    paths[index].display(),
+                    paths[index.min(paths.len() - 1)].display(),
                     ends[end],
                     ["x", "y", "z"][axis],
                     range[end],
                     drawing.views[other].kind.name(),
-                    paths[other].display(),
+                    paths[other.min(paths.len() - 1)].display(),
                     first[end]
                 )));
             }

@@ -112,4 +112,52 @@ impl Solid {
         }
         shells
     }
+
+    /// Takes out edges that no loop uses.
+    pub(crate) fn drop_unused_edges(&mut self) {
+        let mut new_of: Vec<Option<usize>> = vec![None; self.edges.len()];
+        let mut edges = Vec::new();
+        for coedge in self.faces.iter_mut().flat_map(|f| &mut f.loops).flatten() {
+            let new = *new_of[coedge.edge].get_or_insert_with(|| {
+                edges.push(self.edges[coedge.edge].clone());
+                edges.len() - 1
+            });
+            coedge.edge = new;
+        }
+        self.edges = edges;
+    }
+
+    /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they share none.
+    pub(crate) fn part_vertices(&mut self) {
+        // Each edge has two ends; a loop's corner joins two of them.
+        let mut fan: Vec<usize> = (0..2 * self.edges.len()).collect();
+        fn root(fan: &[usize], mut k: usize) -> usize {
+            while fan[k] != k {
+                k = fan[k];
+            }
+            k
+        }
+        for ring in self.faces.iter().flat_map(|f| &f.loops) {
+            for (k, coedge) in ring.iter().enumerate() {
+                let next = ring[(k + 1) % ring.len()];
+                let a = root(&fan, 2 * coedge.edge + usize::from(coedge.forward));
+                let b = root(&fan, 2 * next.edge + usize::from(!next.forward));
+                fan[a.max(b)] = a.min(b);
+            }
+        }
+        let mut vertices = Vec::new();
+        let mut vertex_of = std::collections::BTreeMap::new();
+        for index in 0..self.edges.len() {
+            for end in 0..2 {
+                let edge = &mut self.edges[index];
+                let old = if end == 0 { edge.start } else { edge.end };
+                let new = *vertex_of.entry(root(&fan, 2 * index + end)).or_insert_with(|| {
+                    vertices.push(self.vertices[old]);
+                    vertices.len() - 1
+                });
+                *(if end == 0 { &mut edge.start } else { &mut edge.end }) = new;
+            }
+        }
+        self.vertices = vertices;
+    }
 }

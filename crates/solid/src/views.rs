@@ -3,12 +3,15 @@
 //! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
 //! best first, and the lines that none of them explains.
 //!
+//! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
 //!    Smooth (tangent) edges are no edges here, as in drafting.
-//! 5. `boundary`: the faces of what is solid, as large as they can be.
+//! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
+//!
+//! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
 //! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
 //!
@@ -21,15 +24,20 @@ mod column;
 mod drawing;
 mod plan;
 mod profile;
+mod rings;
 mod search;
+mod sheet;
 mod sight;
 mod surfaces;
 #[cfg(test)]
 mod tests;
+mod tidy;
+mod touching;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
 use planish_estimate::{Error, Result};
+pub use sheet::{Projection, views_of_sheet};
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -63,19 +71,21 @@ pub struct Solutions {
     pub solutions: Vec<Solution>,
     /// Whether there are no others.
     pub complete: bool,
-    /// Lines that none of them explains: always empty where there are solutions.
+    /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<Unexplained>,
     /// Why assignments of cells gave no solid.
     pub rejected: Vec<String>,
 }
 
-/// Finds every solid whose views are the drawing.
+/// Finds every solid whose views are the drawing, or names lines that none explains.
 ///
 /// # Errors
-/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where no solid
-/// was found, naming lines that none explains.
+/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines
+/// can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
+    let tidy = tidy::tidied(drawing);
+    let drawing = &tidy;
     let plan = plan::Plan::of(drawing);
     let cells = cells::Cells::of(&plan)?;
     let looks = sight::Looks::at(&cells, drawing);
@@ -84,22 +94,10 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         complete: found.complete,
         ..Solutions::default()
     };
-    for (style, place) in &found.unexplained {
-        let view = &drawing.views[place.view];
-        let what = match style {
-            Some(LineStyle::Visible) => "no solid shows a visible line",
-            Some(LineStyle::Hidden) => "no solid shows a hidden line",
-            None => "every solid shows a line, and none is drawn,",
-        };
-        solutions.unexplained.push(Unexplained {
-            view: view.kind,
-            entity: place.curve.map(|c| view.curves[c].entity.clone()),
-            why: format!("{what} at {:.4} {:.4}", place.at[0], place.at[1]),
-        });
-    }
+    solutions.unexplained = unexplained(drawing, &found.unexplained);
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
     if !solutions.unexplained.is_empty() {
-        return Err(Error::undetermined(inconsistent(&solutions.unexplained)));
+        return Ok(solutions);
     }
     for assignment in &found.assignments {
         match solution(&cells, assignment) {
@@ -115,22 +113,39 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     Ok(solutions)
 }
 
-/// Names the first few lines that no solid explains.
-fn inconsistent(unexplained: &[Unexplained]) -> String {
-    const NAMED: usize = 4;
-    let named: Vec<String> = unexplained
-        .iter()
-        .take(NAMED)
-        .map(|u| {
-            let entity = u.entity.as_deref().unwrap_or("a missing line");
-            format!("{} view, {entity}: {}", u.view.name(), u.why)
+/// Each line that no solid explains once, with the first place and how many others there are.
+fn unexplained(drawing: &Drawing, found: &[(Option<LineStyle>, sight::LookPlace)]) -> Vec<Unexplained> {
+    let mut places: Vec<(Option<LineStyle>, &sight::LookPlace, usize)> = Vec::new();
+    for (style, place) in found {
+        let same = places
+            .iter_mut()
+            .find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
+        match same {
+            Some(same) => same.2 += 1,
+            None => places.push((*style, place, 0)),
+        }
+    }
+    places
+        .into_iter()
+        .map(|(style, place, others)| {
+            let view = &drawing.views[place.view];
+            let what = match style {
+                Some(LineStyle::Visible) => "no solid shows a visible line",
+                Some(LineStyle::Hidden) => "no solid shows a hidden line",
+                None => "every solid shows a line, and none is drawn,",
+            };
+            let more = match others {
+                0 => String::new(),
+                1 => " and at one more place".to_owned(),
+                n => format!(" and at {n} more places"),
+            };
+            Unexplained {
+                view: view.kind,
+                entity: place.curve.map(|c| view.curves[c].entity.clone()),
+                why: format!("{what} at {:.4} {:.4}{more}", place.at[0], place.at[1]),
+            }
         })
-        .collect();
-    let more = match unexplained.len().saturating_sub(NAMED) {
-        0 => String::new(),
-        n => format!("; and {n} more"),
-    };
-    format!("no solid has these views: {}{more}", named.join("; "))
+        .collect()
 }
 
 fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {

@@ -113,30 +113,117 @@ impl<'a> Cells<'a> {
         }
     }
 
+    fn unite(&mut self, first: u32, second: u32) {
+        let (first, second) = (self.root(first), self.root(second));
+        // The least is the root, so that numbers do not depend on the order.
+        let (least, other) = (first.min(second), first.max(second));
+        self.parent[other as usize] = least;
+    }
+
+    /// Whether a point lies so near a piece of its box that rounding may put it on either side.
+    fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
+        self.plan.views.iter().enumerate().any(|(v, view)| {
+            let axes = view.kind.axes();
+            let q = [p[axes[0]], p[axes[1]]];
+            pieces_in(self.plan, v, cell)
+                .iter()
+                .any(|n| view.profile(*n).value(q).abs() < 0.1 * self.plan.tolerance)
+        })
+    }
+
+    /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the boxes' own ends, ascending.
+    fn sections(&self, boxes: &[[usize; 3]], axis: usize, value: f64, along: usize) -> Vec<f64> {
+        let cell = boxes[0][along];
+        let ends = [self.plan.grid[along][cell], self.plan.grid[along][cell + 1]];
+        let mut cuts = ends.to_vec();
+        for (v, view) in self.plan.views.iter().enumerate() {
+            let axes = view.kind.axes();
+            if axes[2] == axis || axes[2] == along {
+                continue;
+            }
+            let known = usize::from(axes[1] == axis);
+            for &piece in boxes.iter().flat_map(|b| pieces_in(self.plan, v, *b)) {
+                cuts.extend(view.profile(piece).crossings(known, value, 0.0));
+            }
+        }
+        within(cuts, &ends)
+    }
+
+    /// Whether the view along an axis has pieces in a box.
+    fn has_pieces(&self, cell: [usize; 3], axis: usize) -> bool {
+        (0..self.plan.views.len())
+            .any(|v| self.plan.views[v].kind.axes()[2] == axis && !pieces_in(self.plan, v, cell).is_empty())
+    }
+
+    /// Where the pieces of a box that are seen along an axis cross a value of another axis.
+    fn crossed(&self, cell: [usize; 3], axis: usize, a: usize, x: f64) -> Vec<f64> {
+        let mut cuts = Vec::new();
+        for (v, view) in self.plan.views.iter().enumerate() {
+            let axes = view.kind.axes();
+            if axes[2] != axis {
+                continue;
+            }
+            let known = usize::from(axes[1] == a);
+            for &piece in pieces_in(self.plan, v, cell) {
+                cuts.extend(view.profile(piece).crossings(known, x, 0.0));
+            }
+        }
+        cuts
+    }
+
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
         let plain = |cell| (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
-        let n = if plain(before) && plain(behind) { 1 } else { 9 };
+        if plain(before) && plain(behind) {
+            let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
+            self.unite(self.first[place(before)], self.first[place(behind)]);
+            return;
+        }
         let value = plan.grid[axis][at];
-        for s in 0..n {
-            for t in 0..n {
+        let across_a = self.sections(&[before, behind], axis, value, a);
+        let across_b = self.sections(&[before, behind], axis, value, b);
+        let curved = self.has_pieces(before, axis) || self.has_pieces(behind, axis);
+        // What is nearer to each other than the drawing's coordinates are known is one.
+        let least = 2.0 * plan.tolerance;
+        for x in samples(&across_a, if curved { 5 } else { 1 }, least) {
+            let mut cuts = across_b.clone();
+            for cell in [before, behind] {
+                cuts.extend(self.crossed(cell, axis, a, x));
+            }
+            for y in samples(&within(cuts, &across_b), 1, least) {
                 let mut p = [0.0; 3];
-                for (other, cell, k) in [(a, before[a], s), (b, before[b], t)] {
-                    let (lo, hi) = (plan.grid[other][cell], plan.grid[other][cell + 1]);
-                    p[other] = lo + (hi - lo) * (f64::from(k) + 0.487) / f64::from(n);
+                (p[a], p[b]) = (x, y);
+                // On the plane itself: beside it, a surface that touches the plane could lie between.
+                p[axis] = value;
+                if self.near_piece(before, p) || self.near_piece(behind, p) {
+                    continue;
                 }
-                let nudge = |cell: usize| 1e-7 * (plan.grid[axis][cell + 1] - plan.grid[axis][cell]);
-                p[axis] = value - nudge(at - 1);
-                let first = self.atom(before, p);
-                p[axis] = value + nudge(at);
-                let second = self.atom(behind, p);
-                let (first, second) = (self.root(first), self.root(second));
-                // The least is the root, so that numbers do not depend on the order.
-                let (least, other) = (first.min(second), first.max(second));
-                self.parent[other as usize] = least;
+                let (first, second) = (self.atom(before, p), self.atom(behind, p));
+                self.unite(first, second);
             }
         }
     }
+}
+
+/// Cuts between the first and last of some ends, with these, ascending.
+fn within(mut cuts: Vec<f64>, ends: &[f64]) -> Vec<f64> {
+    let (lo, hi) = (ends[0], ends[ends.len() - 1]);
+    cuts.retain(|c| *c >= lo && *c <= hi);
+    cuts.sort_by(f64::total_cmp);
+    cuts
+}
+
+/// So many values between each two neighbours that are further apart than `least`.
+fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
+    let shares: &[f64] = if each > 1 {
+        &[0.021, 0.237, 0.487, 0.763, 0.979]
+    } else {
+        &[0.487]
+    };
+    cuts.windows(2)
+        .filter(|c| c[1] - c[0] > least)
+        .flat_map(|c| shares.iter().map(|s| c[0] + s * (c[1] - c[0])))
+        .collect()
 }
 
 /// The pieces of a view that cut a box.

@@ -11,10 +11,12 @@ pub enum ViewKind {
     Top,
     /// From +x: y to the right, z up.
     Side,
+    /// From −x, mirrored: y to the right, z up.
+    Left,
 }
 
 impl ViewKind {
-    /// All of them: front, top, side.
+    /// The three that files hold by default: front, top, side.
     pub const ALL: [Self; 3] = [Self::Front, Self::Top, Self::Side];
 
     /// The axes that run right, up, and along the line of sight.
@@ -23,14 +25,14 @@ impl ViewKind {
         match self {
             Self::Front => [0, 2, 1],
             Self::Top => [0, 1, 2],
-            Self::Side => [1, 2, 0],
+            Self::Side | Self::Left => [1, 2, 0],
         }
     }
 
     /// Whether what is nearest to the eye has the smallest coordinate along the line of sight.
     #[must_use]
     pub fn nearest_is_least(self) -> bool {
-        self == Self::Front
+        matches!(self, Self::Front | Self::Left)
     }
 
     /// Its name in messages and JSON.
@@ -40,6 +42,7 @@ impl ViewKind {
             Self::Front => "front",
             Self::Top => "top",
             Self::Side => "side",
+            Self::Left => "left",
         }
     }
 }
@@ -135,4 +138,18 @@ pub struct View {
 pub struct Drawing {
     /// At most one of each kind.
     pub views: Vec<View>,
+}
+
+impl Drawing {
+    /// The larger side of the box around everything that is drawn.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        let points = || self.views.iter().flat_map(|v| &v.curves).flat_map(|c| c.curve.points());
+        (0..2)
+            .map(|a| {
+                let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
+                hi - lo
+            })
+            .fold(0.0, f64::max)
+    }
 }

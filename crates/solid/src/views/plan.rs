@@ -216,19 +216,7 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
 impl Plan {
     /// Lays the drawing on its grid.
     pub(crate) fn of(drawing: &Drawing) -> Self {
-        let points = || {
-            drawing
-                .views
-                .iter()
-                .flat_map(|v| &v.curves)
-                .flat_map(|c| c.curve.points())
-        };
-        let size = (0..2)
-            .map(|a| {
-                let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
-                hi - lo
-            })
-            .fold(0.0, f64::max);
+        let size = drawing.size();
         let tolerance = 1e-7 * size + 2e-6;
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;

@@ -68,7 +68,7 @@ impl Encoder {
         self.solver.add_clause_reuse(&mut literals);
     }
 
-    /// The literal that there is an edge at a group; assignments that are no boundary of a solid are forbidden.
+    /// The literal that there is an edge at a group.
     fn event(&mut self, group: &Group) -> Lit {
         if let Some(event) = self.events.get(group) {
             return *event;
@@ -98,7 +98,7 @@ impl Encoder {
             match edge(group, state) {
                 Some(true) => clause.push(event),
                 Some(false) => clause.push(!event),
-                None => {}
+                None => continue,
             }
             self.clause(clause);
         }
@@ -174,7 +174,7 @@ impl Encoder {
     }
 }
 
-/// Whether there is an edge at a group for states of its cells; none where the boundary would not be a surface.
+/// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they show one.
 fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
@@ -185,9 +185,23 @@ fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
     match boundary[..] {
         [] => Some(false),
         [a, b] => Some(!group.smooth.contains(&[a, b])),
-        // Two parts of the boundary that touch along a line.
-        _ => Some(true),
+        // Parts of the boundary touch along a line. Where all of them run smoothly through, as where a hole touches a wall, some draw it and some not.
+        _ => (!pairs_up(&boundary, &group.smooth)).then_some(true),
     }
+}
+
+/// Whether half-surfaces can be put in pairs that continue each other.
+fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
+    let Some((first, rest)) = halves.split_first() else {
+        return true;
+    };
+    rest.iter().enumerate().any(|(k, other)| {
+        let pair = [*first.min(other), *first.max(other)];
+        smooth.contains(&pair) && {
+            let left: Vec<u8> = rest.iter().enumerate().filter(|r| r.0 != k).map(|r| *r.1).collect();
+            pairs_up(&left, smooth)
+        }
+    })
 }
 
 /// Searches for assignments, at most so many.

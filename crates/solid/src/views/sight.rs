@@ -11,6 +11,9 @@ use super::drawing::{Drawing, LineStyle, distance};
 use super::plan::runs_within;
 use std::collections::HashMap;
 
+/// A look counts where it is the same from so many times nearer.
+const NEARER: f64 = 100.0;
+
 /// Sectors around a line in space.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct Group {
@@ -59,9 +62,17 @@ impl Looks {
     }
 
     fn add(&mut self, cells: &Cells, place: LookPlace, style: Option<LineStyle>, normal: [f64; 2], step: f64) {
+        if is_crowded(cells, place.view, place.at, normal, 2.0 * step) {
+            return;
+        }
         let Some(look) = look(cells, place.view, place.at, normal, step, style) else {
             return;
         };
+        // Where surfaces touch close by, lines of sight at some distance pass on the other side of them than those nearer: such a place tells nothing.
+        let nearer = self::look(cells, place.view, place.at, normal, step / NEARER, style);
+        if nearer.as_ref() != Some(&look) {
+            return;
+        }
         let next = self.looks.len();
         let at = *self.seen.entry(look.clone()).or_insert(next);
         if at == next {
@@ -341,6 +352,39 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
 fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
     let (Some(a), Some(b)) = (a, b) else { return false };
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
+}
+
+/// Whether another line of the view passes so near a place, beside the line itself, that looks beside the place are on its other side.
+fn is_crowded(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], near: f64) -> bool {
+    let plan = cells.plan;
+    let shown = &plan.views[view];
+    let axes = shown.kind.axes();
+    let crosses = |k: usize| {
+        let own = normal[k].abs() > 1.0 - 1e-9;
+        let grid = &plan.grid[axes[k]];
+        let from = grid.partition_point(|g| *g <= at[k] - near * normal[k].abs());
+        let passing = grid[from..].iter().take_while(|g| **g < at[k] + near * normal[k].abs());
+        passing.filter(|g| !own || (**g - at[k]).abs() > plan.tolerance).count() > 0
+    };
+    if crosses(0) || crosses(1) {
+        return true;
+    }
+    let mut boxes: Vec<[usize; 2]> = Vec::new();
+    for sign in [-1.0, 1.0] {
+        let q = [0, 1].map(|k| at[k] + sign * near * normal[k]);
+        boxes.push([0, 1].map(|k| plan.interval(axes[k], q[k])));
+    }
+    boxes.dedup();
+    boxes.iter().any(|cell| {
+        shown.pieces_of(*cell, plan.intervals(axes[1])).iter().any(|&piece| {
+            let profile = shown.profile(piece);
+            let n = profile.normal(at);
+            let off = profile.value(at).abs();
+            // The line itself is another one only where it does not run along.
+            let same = off < plan.tolerance && (n[0] * normal[0] + n[1] * normal[1]).abs() > 1.0 - 1e-9;
+            off < near && !same
+        })
+    })
 }
 
 fn look(

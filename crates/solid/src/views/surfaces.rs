@@ -80,7 +80,8 @@ impl Drawn {
             Profile::Circle { center, radius } => Surface::Cylinder {
                 origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
                 axis: axis_of(2),
-                x: axis_of(0),
+                // The seam lies at +z, of upright cylinders at +x.
+                x: axis_of((0..2).find(|k| self.axes[*k] == 2).unwrap_or(0)),
                 radius,
             },
         }

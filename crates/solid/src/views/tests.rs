@@ -69,10 +69,17 @@ fn a_hidden_line_that_nothing_explains_is_named() {
     let mut stray = segment([5.0, 0.0], [5.0, 20.0], LineStyle::Hidden);
     stray.entity = "LINE 7F (line 12)".to_owned();
     drawing.views[0].curves.push(stray);
-    let e = solve(&drawing).unwrap_err();
-    assert_eq!(e.kind(), planish_estimate::ErrorKind::Undetermined);
-    let said = e.to_string();
-    assert!(said.contains("LINE 7F"), "{said}");
+    let found = solve(&drawing).unwrap();
+    assert!(found.solutions.is_empty());
+    let [named] = &found.unexplained[..] else {
+        panic!("{:?}", found.unexplained)
+    };
+    assert_eq!(named.entity.as_deref(), Some("LINE 7F (line 12)"));
+    assert!(
+        named.why.starts_with("no solid shows a hidden line at 5.0000"),
+        "{}",
+        named.why
+    );
 }
 
 #[test]
@@ -81,6 +88,179 @@ fn a_boundary_with_a_face_missing_is_refused() {
     solid.check(1e-6).unwrap();
     solid.faces.pop();
     assert!(solid.check(1e-6).is_err());
+}
+
+fn circle(center: [f64; 2], radius: f64) -> Curve2 {
+    arc(center, radius, 0.0, TAU)
+}
+
+fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
+    Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    }
+}
+
+fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+    segment(a, b, LineStyle::Hidden)
+}
+
+fn visible(curve: Curve2) -> DrawnCurve {
+    drawn(curve, LineStyle::Visible)
+}
+
+fn three(front: Vec<DrawnCurve>, top: Vec<DrawnCurve>, side: Vec<DrawnCurve>) -> Drawing {
+    let views = ViewKind::ALL.into_iter().zip([front, top, side]);
+    Drawing {
+        views: views.map(|(kind, curves)| View { kind, curves }).collect(),
+    }
+}
+
+fn only(drawing: &Drawing) -> Solution {
+    let mut found = solve(drawing).unwrap();
+    assert_eq!(found.solutions.len(), 1);
+    found.solutions.remove(0)
+}
+
+#[test]
+fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
+    let mut drawing = box_with_hole();
+    let top = &mut drawing.views[1].curves;
+    top.pop();
+    let on = |angle: f64| [20.0 + 6.0 * angle.cos(), 15.0 + 6.0 * angle.sin()];
+    // The last piece is where it should be, on a circle whose centre is off by 0.01.
+    let (off, sweep) = (0.01, 0.083);
+    let turn = TAU - sweep / 2.0;
+    let center = [20.0 + off * turn.cos(), 15.0 + off * turn.sin()];
+    let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+    let (from, to) = (on(TAU - sweep), on(0.0));
+    let radius = (to[0] - center[0]).hypot(to[1] - center[1]);
+    top.push(visible(arc([20.0, 15.0], 6.0, 0.0, TAU - sweep)));
+    top.push(visible(arc(center, radius, angle(from), angle(to) - angle(from))));
+    // And a crumb of it is drawn once more, as its chord.
+    top.push(segment(on(1.0), on(1.0005), LineStyle::Visible));
+    let Solution { solid, measures, .. } = only(&drawing);
+    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
+}
+
+#[test]
+fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
+    let mut drawing = box_with_hole();
+    let top = &mut drawing.views[1].curves;
+    top.pop();
+    top.push(visible(circle([20.000_01, 14.999_995], 6.000_01)));
+    let Solution { solid, measures, .. } = only(&drawing);
+    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
+}
+
+#[test]
+fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
+    let side = |at: [f64; 2]| {
+        let mut curves = rectangle([0.0, 0.0], [20.0, 20.0]);
+        curves.extend(at.map(|u| hidden([u, 0.0], [u, 20.0])));
+        curves
+    };
+    let mut top = rectangle([0.0, 0.0], [20.0, 20.0]);
+    top.push(visible(circle([5.0, 10.0], 5.0)));
+    let mut front = rectangle([0.0, 0.0], [20.0, 20.0]);
+    front.push(hidden([10.0, 0.0], [10.0, 20.0]));
+    let Solution { solid, measures, .. } = only(&three(front, top, side([5.0, 15.0])));
+    // The wall on both sides of the line, and the hole cut at its seam, which lies opposite.
+    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert!((measures.volume - (8000.0 - 500.0 * PI)).abs() < 1e-8);
+}
+
+#[test]
+fn a_hole_that_touches_a_groove_from_below_is_found() {
+    let outline = [[0.0, 11.0], [0.0, 0.0], [20.0, 0.0], [20.0, 11.0]];
+    let mut front: Vec<DrawnCurve> = outline
+        .windows(2)
+        .map(|p| segment(p[0], p[1], LineStyle::Visible))
+        .collect();
+    front.push(segment([0.0, 11.0], [7.0, 11.0], LineStyle::Visible));
+    front.push(segment([13.0, 11.0], [20.0, 11.0], LineStyle::Visible));
+    front.push(visible(arc([10.0, 11.0], 3.0, PI, PI)));
+    front.extend([2.0, 8.0].map(|z| hidden([0.0, z], [20.0, z])));
+    let mut top = rectangle([0.0, 0.0], [20.0, 20.0]);
+    top.extend([7.0, 13.0].map(|x| segment([x, 0.0], [x, 20.0], LineStyle::Visible)));
+    top.extend([7.0, 13.0].map(|y| hidden([0.0, y], [20.0, y])));
+    let mut side = rectangle([0.0, 0.0], [20.0, 11.0]);
+    side.push(visible(circle([10.0, 5.0], 3.0)));
+    side.push(hidden([0.0, 8.0], [20.0, 8.0]));
+    let Solution { solid, measures, .. } = only(&three(front, top, side));
+    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert!((measures.volume - (4400.0 - 270.0 * PI)).abs() < 1e-7);
+}
+
+#[test]
+fn a_hardly_bent_arc_stands_for_no_cylinder() {
+    let mut drawing = box_with_hole();
+    let bent = arc([20.0, -30.0], 32.0, 1.56, 0.02);
+    drawing.views[1].curves.push(visible(bent));
+    let tidy = tidy::tidied(&drawing);
+    let last = &tidy.views[1].curves.last().unwrap().curve;
+    assert!(matches!(last, Curve2::Chain(_)), "{last:?}");
+}
+
+/// A base of 40 × 30 × 10 with a block of 15 × 10 × 10 on its corner at the origin, on a sheet of either convention.
+fn step_on_a_sheet(projection: Projection) -> Vec<DrawnCurve> {
+    let outline = |points: &[[f64; 2]], at: &dyn Fn([f64; 2]) -> [f64; 2]| -> Vec<DrawnCurve> {
+        (0..points.len())
+            .map(|k| segment(at(points[k]), at(points[(k + 1) % points.len()]), LineStyle::Visible))
+            .collect()
+    };
+    let front = |p: [f64; 2]| [p[0] + 100.0, p[1] + 100.0];
+    let l_shape = |long: f64, short: f64| {
+        [
+            [0.0, 0.0],
+            [long, 0.0],
+            [long, 10.0],
+            [short, 10.0],
+            [short, 20.0],
+            [0.0, 20.0],
+        ]
+    };
+    let mut curves = outline(&l_shape(40.0, 15.0), &front);
+    // The base's edge behind the block.
+    curves.push(hidden(front([0.0, 10.0]), front([15.0, 10.0])));
+    let first = projection == Projection::FirstAngle;
+    let top = |p: [f64; 2]| [p[0] + 100.0, p[1] + if first { 50.0 } else { 150.0 }];
+    curves.extend(outline(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]], &top));
+    curves.push(segment(top([15.0, 0.0]), top([15.0, 10.0]), LineStyle::Visible));
+    curves.push(segment(top([0.0, 10.0]), top([15.0, 10.0]), LineStyle::Visible));
+    // From the left, y runs to the left, and the edge of the base lies behind the block.
+    let side = |p: [f64; 2]| [if first { 190.0 - p[0] } else { 160.0 + p[0] }, p[1] + 100.0];
+    curves.extend(outline(&l_shape(30.0, 10.0), &side));
+    let style = if first { LineStyle::Hidden } else { LineStyle::Visible };
+    curves.push(segment(side([0.0, 10.0]), side([10.0, 10.0]), style));
+    curves
+}
+
+#[test]
+fn a_sheet_of_either_convention_gives_the_same_part() {
+    for projection in [Projection::FirstAngle, Projection::ThirdAngle] {
+        let drawing = views_of_sheet(&step_on_a_sheet(projection), projection).unwrap();
+        let Solution { solid, measures, .. } = only(&drawing);
+        assert_eq!(solid.faces_by_kind(), [9, 0]);
+        assert!((measures.volume - 13_500.0).abs() < 1e-9);
+        let truth = [
+            (12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0,
+            (12_000.0 * 15.0 + 1500.0 * 5.0) / 13_500.0,
+        ];
+        assert!((measures.centroid[0] - truth[0]).abs() < 1e-9 && (measures.centroid[1] - truth[1]).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn views_of_the_other_convention_are_refused_by_name() {
+    let e = views_of_sheet(&step_on_a_sheet(Projection::ThirdAngle), Projection::FirstAngle).unwrap_err();
+    assert!(e.to_string().contains("first-angle"), "{e}");
+    let e = views_of_sheet(&rectangle([0.0, 0.0], [4.0, 3.0]), Projection::FirstAngle).unwrap_err();
+    assert!(e.to_string().contains("found 1"), "{e}");
 }
 
 #[test]

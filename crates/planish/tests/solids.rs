@@ -1,0 +1,153 @@
+//! Views into solids, from files to files: the example bracket, damaged input, and drawings whose true solids are known, where these are at hand.
+
+#![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
+
+use planish::ErrorKind;
+use planish::progress::Silent;
+use planish::solid::{Projection, SolidJob, SolidReport, solid_files};
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+const VIEWS: [&str; 3] = ["front", "top", "side"];
+
+fn bracket() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/data/bracket");
+    VIEWS.map(|v| folder.join(format!("{v}.dxf"))).to_vec()
+}
+
+fn solved(views: Vec<PathBuf>, outputs: Vec<PathBuf>) -> planish::Result<SolidReport> {
+    let job = SolidJob {
+        views,
+        projection: Projection::FirstAngle,
+        outputs,
+        all: false,
+        unit: None,
+    };
+    solid_files(&job, &Silent)
+}
+
+/// A DXF file of lines: from, to, layer.
+fn dxf(lines: &[([f64; 2], [f64; 2], &str)]) -> String {
+    let entity = |n: usize, ([a, b], [c, d], layer): &([f64; 2], [f64; 2], &str)| {
+        format!("0\nLINE\n5\n{n:X}\n8\n{layer}\n10\n{a}\n20\n{b}\n11\n{c}\n21\n{d}\n")
+    };
+    let entities: String = lines.iter().enumerate().map(|(n, l)| entity(n + 16, l)).collect();
+    format!("0\nSECTION\n2\nENTITIES\n{entities}0\nENDSEC\n0\nEOF\n")
+}
+
+fn rectangle(width: f64, height: f64) -> Vec<([f64; 2], [f64; 2], &'static str)> {
+    let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
+    (0..4).map(|k| (corners[k], corners[(k + 1) % 4], "VISIBLE")).collect()
+}
+
+/// Writes three views of a box, the front one changed.
+fn box_with(front: Vec<([f64; 2], [f64; 2], &'static str)>, folder: &Path) -> Vec<PathBuf> {
+    let drawn = [front, rectangle(40.0, 30.0), rectangle(30.0, 20.0)];
+    VIEWS
+        .iter()
+        .zip(drawn)
+        .map(|(view, lines)| {
+            let path = folder.join(format!("{view}.dxf"));
+            std::fs::write(&path, dxf(&lines)).expect("a temporary folder can be written");
+            path
+        })
+        .collect()
+}
+
+#[test]
+fn the_bracket_of_the_examples_has_its_volume() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("bracket.step");
+    let report = solved(bracket(), vec![output.clone()]).unwrap();
+    assert_eq!(report.solutions.len(), 1);
+    let best = &report.solutions[0];
+    let truth = 42_000.0 - 610.0 * PI;
+    assert!((best.volume / truth - 1.0).abs() < 1e-9, "{}", best.volume);
+    let step = std::fs::read_to_string(output).unwrap();
+    assert_eq!(step.matches("CYLINDRICAL_SURFACE").count(), best.faces.cylinder);
+}
+
+#[test]
+fn crumbs_and_lines_drawn_twice_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut front = rectangle(40.0, 20.0);
+    front.push(front[0]);
+    front.push(([0.0, 0.0], [25.0, 0.0], "VISIBLE"));
+    front.push(([5.0, 20.0], [5.0, 20.0], "VISIBLE"));
+    let report = solved(box_with(front, folder.path()), Vec::new()).unwrap();
+    assert_eq!(report.solutions.len(), 1);
+    assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
+    let named = report
+        .warnings
+        .iter()
+        .any(|w| w.contains("LINE 16") && w.contains("no length"));
+    assert!(named, "{:?}", report.warnings);
+}
+
+#[test]
+fn an_open_contour_is_refused_and_its_ends_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut front = rectangle(40.0, 20.0);
+    front.pop();
+    let report = solved(box_with(front, folder.path()), Vec::new()).unwrap();
+    assert!(report.solutions.is_empty());
+    assert!(
+        report.unexplained.iter().any(|u| u.view == "front"),
+        "{:?}",
+        report.unexplained
+    );
+}
+
+#[test]
+fn views_of_another_scale_and_single_views_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let e = solved(box_with(rectangle(80.0, 40.0), folder.path()), Vec::new()).unwrap_err();
+    assert_eq!(e.kind(), ErrorKind::Input);
+    assert!(e.to_string().contains("LINE"), "{e}");
+    let one = box_with(rectangle(40.0, 20.0), folder.path()).remove(0);
+    let e = solved(vec![one], Vec::new()).unwrap_err();
+    assert!(e.to_string().contains("found 1"), "{e}");
+}
+
+/// Drawings that caught a wrong rule once: holes that touch walls and planes, circles in pieces, holes that cross.
+#[test]
+fn known_parts_come_out_as_they_are() {
+    let data = std::env::var_os("PLANISH_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
+        PathBuf::from,
+    );
+    let folder = data.join("drawings");
+    if !folder.is_dir() {
+        println!("skipped: {} is not there", folder.display());
+        return;
+    }
+    for name in [
+        "part_1_01",
+        "part_1_03",
+        "part_1_06",
+        "part_1_08",
+        "part_1_13",
+        "part_1_14",
+        "part_1_15",
+        "ttt-ppp0101",
+    ] {
+        let truth = std::fs::read_to_string(folder.join(format!("{name}.truth.json"))).unwrap();
+        let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+        let views = VIEWS.map(|v| folder.join(format!("{name}.{v}.dxf"))).to_vec();
+        let report = solved(views, Vec::new()).unwrap();
+        assert_eq!(report.solutions.len(), 1, "{name}");
+        let best = &report.solutions[0];
+        let volume = truth["volume"].as_f64().unwrap();
+        assert!(
+            (best.volume / volume - 1.0).abs() < 1e-6,
+            "{name}: {} for {volume}",
+            best.volume
+        );
+        let faces = |kind: &str| truth["faces"][kind].as_u64().unwrap() as usize;
+        assert_eq!(
+            [best.faces.plane, best.faces.cylinder],
+            ["plane", "cylinder"].map(faces),
+            "{name}"
+        );
+    }
+}

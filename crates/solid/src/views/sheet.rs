@@ -1,0 +1,182 @@
+//! A sheet on which all views stand side by side.
+//!
+//! Comes in: curves of one file, and the convention by which the views are placed. Goes out: a [`Drawing`] of two or three views in the part's
+//! coordinates, each view's left lower corner at the origin. Views are what hangs together: the boxes around their curves touch, and views
+//! stand apart.
+//!
+//! Not guaranteed: sheets with a frame, auxiliary views and sections are refused, as they align with no other view.
+
+use super::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
+use planish_estimate::{Error, Result};
+use std::f64::consts::PI;
+
+/// Views are further apart than this share of the sheet's size.
+const GAP: f64 = 2e-3;
+/// Sides of views that should be equal are so within this share of the sheet's size.
+const ALIGNED: f64 = 2e-3;
+
+/// How views are placed around the front view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Projection {
+    /// As in Europe: the view from above stands below, that from the left stands at the right.
+    FirstAngle,
+    /// As in America: the view from above stands above, that from the right stands at the right.
+    ThirdAngle,
+}
+
+/// Curves that hang together.
+struct Group {
+    curves: Vec<usize>,
+    /// Left, right; bottom, top.
+    span: [[f64; 2]; 2],
+}
+
+/// Finds the views of a sheet.
+///
+/// # Errors
+/// `Input` where there are less than two groups of curves, or they do not stand as the convention says, naming an entity of the group.
+pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<Drawing> {
+    let groups = groups(curves);
+    let (lo, hi) = groups.iter().fold((f64::MAX, f64::MIN), |(lo, hi), g| {
+        (
+            lo.min(g.span[0][0]).min(g.span[1][0]),
+            hi.max(g.span[0][1]).max(g.span[1][1]),
+        )
+    });
+    let near = ALIGNED * (hi - lo);
+    let aligned = |a: &Group, b: &Group, k: usize| (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near);
+    // Above or below each other, and beside each other.
+    let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
+    let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
+    let n = groups.len();
+    let front = match (projection, n) {
+        (_, 0 | 1) => {
+            return Err(Error::input(format!(
+                "needed two or three views that stand apart, found {n}: is each view in a file of its own?"
+            )));
+        }
+        (_, 2) => {
+            let lower = usize::from(groups[0].span[1][0] > groups[1].span[1][0]);
+            let left = usize::from(groups[0].span[0][0] > groups[1].span[0][0]);
+            match (stacked(0, 1), projection) {
+                (true, Projection::FirstAngle) => 1 - lower,
+                (true, Projection::ThirdAngle) => lower,
+                (false, _) => left,
+            }
+        }
+        _ => (0..n)
+            .find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g)))
+            .unwrap_or(0),
+    };
+    let mut views = vec![placed(curves, &groups[front], ViewKind::Front)];
+    for g in (0..n).filter(|g| *g != front) {
+        let is_above = groups[g].span[1][0] > groups[front].span[1][0];
+        let is_right = groups[g].span[0][0] > groups[front].span[0][0];
+        let kind = match (stacked(front, g), beside(front, g), projection) {
+            (true, _, Projection::FirstAngle) if !is_above => Some(ViewKind::Top),
+            (true, _, Projection::ThirdAngle) if is_above => Some(ViewKind::Top),
+            (_, true, Projection::FirstAngle) => Some(if is_right { ViewKind::Left } else { ViewKind::Side }),
+            (_, true, Projection::ThirdAngle) => Some(if is_right { ViewKind::Side } else { ViewKind::Left }),
+            _ => None,
+        };
+        let name = &curves[groups[g].curves[0]].entity;
+        let Some(kind) = kind.filter(|k| views.iter().all(|v: &View| v.kind.axes() != k.axes())) else {
+            let [[left, right], [bottom, top]] = groups[g].span;
+            return Err(Error::input(format!(
+                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that stands neither where the top view nor where a \
+                 side view of the {} convention belongs: needed views of one scale in line with the front view",
+                match projection {
+                    Projection::FirstAngle => "first-angle",
+                    Projection::ThirdAngle => "third-angle",
+                }
+            )));
+        };
+        views.push(placed(curves, &groups[g], kind));
+    }
+    views.sort_by_key(|v| v.kind.axes() == ViewKind::Side.axes());
+    Ok(Drawing { views })
+}
+
+/// Groups of curves whose boxes touch.
+fn groups(curves: &[DrawnCurve]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    let boxes: Vec<[[f64; 2]; 2]> = curves.iter().map(|c| span_of(&c.curve)).collect();
+    let size = boxes
+        .iter()
+        .flatten()
+        .fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
+    let gap = GAP * (size.1 - size.0);
+    for (index, span) in boxes.into_iter().enumerate() {
+        let mut joined = Group {
+            curves: vec![index],
+            span,
+        };
+        // Joining makes a box larger: until nothing else touches it.
+        loop {
+            let touches = |g: &Group| {
+                (0..2).all(|k| g.span[k][0] <= joined.span[k][1] + gap && joined.span[k][0] <= g.span[k][1] + gap)
+            };
+            let Some(at) = groups.iter().position(touches) else {
+                break;
+            };
+            let other = groups.swap_remove(at);
+            joined.curves.extend(other.curves);
+            for k in 0..2 {
+                joined.span[k] = [
+                    joined.span[k][0].min(other.span[k][0]),
+                    joined.span[k][1].max(other.span[k][1]),
+                ];
+            }
+        }
+        joined.curves.sort_unstable();
+        groups.push(joined);
+    }
+    groups.sort_by_key(|g| g.curves[0]);
+    groups
+}
+
+fn span_of(curve: &Curve2) -> [[f64; 2]; 2] {
+    let points = curve.points();
+    [0, 1].map(|k| {
+        points
+            .iter()
+            .fold([f64::MAX, f64::MIN], |s, p| [s[0].min(p[k]), s[1].max(p[k])])
+    })
+}
+
+/// The curves of a group as a view, in the part's coordinates.
+fn placed(curves: &[DrawnCurve], group: &Group, kind: ViewKind) -> View {
+    // Seen from the left, y runs to the left.
+    let mirrored = kind == ViewKind::Left;
+    let x = if mirrored { group.span[0][1] } else { group.span[0][0] };
+    let at = |p: [f64; 2]| {
+        let right = p[0] - x;
+        [if mirrored { -right } else { right }, p[1] - group.span[1][0]]
+    };
+    let moved = |curve: &Curve2| match curve {
+        Curve2::Segment(a, b) => Curve2::Segment(at(*a), at(*b)),
+        Curve2::Arc {
+            center,
+            radius,
+            start,
+            sweep,
+        } => Curve2::Arc {
+            center: at(*center),
+            radius: *radius,
+            start: if mirrored { PI - start - sweep } else { *start },
+            sweep: *sweep,
+        },
+        Curve2::Chain(points) => Curve2::Chain(points.iter().map(|p| at(*p)).collect()),
+    };
+    View {
+        kind,
+        curves: group
+            .curves
+            .iter()
+            .map(|&index| DrawnCurve {
+                curve: moved(&curves[index].curve),
+                ..curves[index].clone()
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,190 @@
+//! Curves tidied: what drawing programs leave in pieces, or fit only roughly, on the circle that it means.
+//!
+//! Comes in: a drawing. Goes out: the same curves, where an arc or a short chord whose points lie on another arc's circle is on that
+//! very circle, and circles whose points allow it have round centres and radii. Exported outlines are cut at every crossing; a circle fitted to
+//! a short piece has a centre far off, though the piece itself is where it should be.
+//!
+//! Not guaranteed: ellipses and splines are left as they are.
+
+use super::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
+use std::f64::consts::TAU;
+
+/// Points of arcs within this share of the drawing's size of a circle lie on it.
+const ON_CIRCLE: f64 = 2e-5;
+/// Ends of a chord within this share of the size of a circle lie on it.
+const CHORD_ENDS: f64 = 1e-6;
+/// Curves shorter than this share of the size are crumbs that tell nothing.
+const SHORTEST: f64 = 3e-7;
+/// Arcs that turn by less (in radians) and rise above their chord by less than this share of the size stand for no circle of their own.
+const SLIVER_SWEEP: f64 = 0.1;
+const SLIVER_RISE: f64 = 1e-4;
+/// Circles are moved to very round values, or to lines that touch them, where their points stay within this share of the size.
+const FIT: f64 = 1e-6;
+/// Circles are moved to round values where their points stay within this share of the size, plus [`ROUND_LENGTH`].
+const ROUND: f64 = 5e-8;
+const ROUND_LENGTH: f64 = 4e-6;
+
+/// A circle.
+#[derive(Clone, Copy)]
+struct Circle {
+    center: [f64; 2],
+    radius: f64,
+}
+
+impl Circle {
+    fn off(&self, p: [f64; 2]) -> f64 {
+        (distance(p, self.center) - self.radius).abs()
+    }
+
+    fn angle(&self, p: [f64; 2]) -> f64 {
+        (p[1] - self.center[1]).atan2(p[0] - self.center[0])
+    }
+
+    /// The arc of this circle from one point to another, counter-clockwise.
+    fn arc(&self, from: [f64; 2], to: [f64; 2], whole: bool) -> Curve2 {
+        let start = self.angle(from);
+        let sweep = if whole {
+            TAU
+        } else {
+            (self.angle(to) - start).rem_euclid(TAU)
+        };
+        Curve2::Arc {
+            center: self.center,
+            radius: self.radius,
+            start,
+            sweep,
+        }
+    }
+
+    /// The circle that these points mean: of round centre and radius, or between straight lines of all views that touch it, where the points
+    /// allow it.
+    fn meant(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
+        let round = |step: f64| Self {
+            center: self.center.map(|v| (v / step).round() * step),
+            radius: (self.radius / step).round() * step,
+        };
+        let far = FIT * size;
+        let candidates = [
+            (Some(round(1e-2)), far),
+            (self.between(lines, far), far),
+            (Some(round(1e-4)), ROUND * size + ROUND_LENGTH),
+        ];
+        candidates
+            .into_iter()
+            .filter_map(|(circle, within)| Some((circle?, within)))
+            .find(|(c, within)| c.radius > 0.0 && points.iter().all(|p| c.off(*p) <= *within))
+            .map_or(self, |(c, _)| c)
+    }
+
+    /// The circle whose extremes are coordinates of lines: of both axes where both have them.
+    fn between(&self, lines: [&[f64]; 2], within: f64) -> Option<Self> {
+        let near = |k: usize, value: f64| {
+            let at = lines[k].partition_point(|v| *v < value - within);
+            lines[k].get(at).copied().filter(|v| (v - value).abs() <= within)
+        };
+        let spans = [0, 1].map(|k| {
+            Some([
+                near(k, self.center[k] - self.radius)?,
+                near(k, self.center[k] + self.radius)?,
+            ])
+        });
+        let radii: Vec<f64> = spans.iter().flatten().map(|s| (s[1] - s[0]) / 2.0).collect();
+        let radius = radii.iter().sum::<f64>() / radii.len() as f64;
+        (!radii.is_empty()).then(|| Self {
+            center: [0, 1].map(|k| spans[k].map_or(self.center[k], |s| (s[0] + s[1]) / 2.0)),
+            radius,
+        })
+    }
+}
+
+/// Whether an arc is hardly bent: exporters draw parts of the curves between two cylinders in this way, and no cylinder is meant.
+fn is_sliver(curve: &Curve2, size: f64) -> bool {
+    match curve {
+        Curve2::Arc { radius, sweep, .. } => {
+            *sweep < SLIVER_SWEEP && radius * (1.0 - (sweep / 2.0).cos()) < SLIVER_RISE * size
+        }
+        _ => false,
+    }
+}
+
+/// A drawing with its curves tidied.
+pub(super) fn tidied(drawing: &Drawing) -> Drawing {
+    let size = drawing.size();
+    let mut lines: [Vec<f64>; 3] = Default::default();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            if let Curve2::Segment(a, b) = &drawn.curve {
+                for k in (0..2).filter(|&k| (a[k] - b[k]).abs() <= CHORD_ENDS * size) {
+                    lines[axes[k]].push(a[k]);
+                }
+            }
+        }
+    }
+    for values in &mut lines {
+        values.sort_by(f64::total_cmp);
+    }
+    let tidy = |view: &View| {
+        let axes = view.kind.axes();
+        tidied_view(view, [&lines[axes[0]], &lines[axes[1]]], size)
+    };
+    Drawing {
+        views: drawing.views.iter().map(tidy).collect(),
+    }
+}
+
+fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
+    let mut circles: Vec<Circle> = Vec::new();
+    let mut curves = view.curves.clone();
+    // What spans most of a circle tells best where it is.
+    let mut arcs: Vec<(f64, usize)> = curves
+        .iter()
+        .enumerate()
+        .filter_map(|(index, drawn)| match drawn.curve {
+            Curve2::Arc { sweep, .. } => Some((sweep, index)),
+            _ => None,
+        })
+        .collect();
+    arcs.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    for (sweep, index) in arcs {
+        let Curve2::Arc { center, radius, .. } = curves[index].curve else {
+            continue;
+        };
+        let points = curves[index].curve.points();
+        let on = |c: &Circle| points.iter().all(|p| c.off(*p) <= ON_CIRCLE * size);
+        let circle = match circles.iter().filter(|c| on(c)).min_by(|a, b| {
+            let far = |c: &Circle| points.iter().map(|p| c.off(*p)).fold(0.0, f64::max);
+            far(a).total_cmp(&far(b))
+        }) {
+            Some(circle) => *circle,
+            None if is_sliver(&curves[index].curve, size) => {
+                curves[index].curve = Curve2::Chain(points);
+                continue;
+            }
+            None => {
+                let circle = Circle { center, radius }.meant(&points, lines, size);
+                circles.push(circle);
+                circle
+            }
+        };
+        curves[index].curve = circle.arc(points[0], points[points.len() - 1], sweep >= TAU - 1e-9);
+    }
+    for drawn in &mut curves {
+        let Curve2::Segment(a, b) = drawn.curve else { continue };
+        let middle = [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
+        let is_chord = |c: &&Circle| {
+            let ends = [a, b].iter().all(|p| c.off(*p) <= CHORD_ENDS * size);
+            ends && c.off(middle) <= ON_CIRCLE * size
+        };
+        if let Some(circle) = circles.iter().find(is_chord) {
+            let (arc, back) = (circle.arc(a, b, false), circle.arc(b, a, false));
+            let shorter = if arc.length() <= back.length() { arc } else { back };
+            drawn.curve = shorter;
+        }
+    }
+    curves.retain(|c: &DrawnCurve| c.curve.length() > SHORTEST * size);
+    View {
+        kind: view.kind,
+        curves,
+    }
+}
