@@ -68,7 +68,7 @@ pub struct Proposal {
     pub constraint: Constraint,
     /// The relation in words.
     pub text: String,
-    /// Its χ² under the estimate alone.
+    /// Its χ² under the estimate with what was given alone.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
@@ -128,7 +128,7 @@ pub(super) struct Search {
 
 /// Finds the relations that hold in a drawing, and imposes them.
 ///
-/// 1. Every one of the [`candidates`] is tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
+/// 1. What is given is imposed. Every one of the [`candidates`] is then tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
 ///    that *any* true one is lost by `level`.
 /// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that
 ///    of a residual anywhere in its range. One whose window of acceptance covers more than `max_chance` of that range
@@ -180,7 +180,7 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
         share: Level::new(options.level / candidates.len().max(1) as f64),
         given: (given.chi_square, given.degrees),
     };
-    let mut proposals = search.single_tests(&candidates)?;
+    let mut proposals = search.single_tests(&candidates, &given)?;
     let expected_by_chance = proposals
         .iter()
         .filter(|p| p.degrees > 0 && p.chance <= options.max_chance)
@@ -209,11 +209,11 @@ impl Constrained {
 }
 
 impl Search {
-    /// Tests every candidate under the estimate alone; those that Holm's procedure rejects are marked, all others
+    /// Tests every candidate under the estimate with what was given; those that Holm's procedure rejects are marked, all others
     /// unclear for now.
-    fn single_tests(&self, candidates: &[Candidate]) -> Result<Vec<Proposal>> {
+    fn single_tests(&self, candidates: &[Candidate], given: &Imposed) -> Result<Vec<Proposal>> {
         let mut proposals = Vec::with_capacity(candidates.len());
-        let alone = State::unconstrained(&self.estimate, &self.covariance);
+        let alone = State::unconstrained(&given.drawing, &given.covariance);
         for candidate in candidates {
             let test = self.test(candidate, &alone)?;
             let known = if test.holds {

@@ -60,9 +60,9 @@ impl Dimension {
     fn describe(self, drawing: &Drawing) -> String {
         match self {
             Self::Length(bar) => format!("length of {}", drawing.bar_name(bar)),
-            Self::Diameter(circle) => format!("diameter of circle {}", circle.0 + 1),
-            Self::Distance(a, b) => format!("distance of P{} and P{}", a.0 + 1, b.0 + 1),
-            Self::Offset(point, bar) => format!("P{} to {}", point.0 + 1, drawing.bar_name(bar)),
+            Self::Diameter(circle) => format!("diameter of {}", drawing.circle_name(circle)),
+            Self::Distance(a, b) => format!("distance of {} and {}", drawing.point_name(a), drawing.point_name(b)),
+            Self::Offset(point, bar) => format!("{} to {}", drawing.point_name(point), drawing.bar_name(bar)),
         }
     }
 }

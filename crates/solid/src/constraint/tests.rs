@@ -78,6 +78,22 @@ fn every_constraint() -> Vec<Constraint> {
         },
         Constraint::Coincident { a: p, b: r },
         Constraint::PointOnCircle { point: r, circle: d },
+        Constraint::TangentAt {
+            bar: a,
+            circle: d,
+            point: r,
+        },
+        Constraint::Aligned {
+            a: Place::Point {
+                point: p,
+                axis: Axis::Y,
+            },
+            b: Place::Extreme {
+                circle: d,
+                axis: Axis::X,
+                upper: false,
+            },
+        },
         Constraint::Radius { circle: d, value: 2.0 },
     ]
 }
@@ -163,6 +179,8 @@ fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
             Constraint::Anchor { .. } => (bx - 1.0).hypot(by - 2.0),
             Constraint::Coincident { .. } => (bx - dx).hypot(by - dy),
             Constraint::PointOnCircle { .. } => (dx - f[0]).hypot(dy - f[1]) - s,
+            Constraint::TangentAt { .. } => ((dx - f[0]) * u[0] + (dy - f[1]) * u[1]) / u[0].hypot(u[1]),
+            Constraint::Aligned { .. } => by - (f[0] - s),
             Constraint::Radius { .. } => s - 2.0,
         };
         assert!(is_zero.abs() < 1e-8, "{constraint:?}: {is_zero}");
