@@ -1020,8 +1020,13 @@ pub fn share(text: &str) -> Result<f64, String> {
     within(text, "a share from 0 to 1", |v| (0.0..=1.0).contains(&v))
 }
 
+/// A probability between 0 and 1, both excluded.
+pub fn probability(text: &str) -> Result<f64, String> {
+    within(text, "a probability above 0 and below 1", |v| v > 0.0 && v < 1.0)
+}
+
 /// A length above zero, with or without its unit.
-fn length(text: &str) -> Result<Length, String> {
+pub fn length(text: &str) -> Result<Length, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match text[number.len()..].trim() {
         "" => None,

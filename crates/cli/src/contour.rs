@@ -1,16 +1,18 @@
 //! `planish contour`, and the scene `readings`.
 
+use crate::constrained_text::constrained_text;
 use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation,
-    SigmaDefaults, contour_files,
+    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport,
+    Relation, SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// The keys of `contour` beside the common ones.
 #[derive(Serialize)]
@@ -64,15 +66,23 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             region: args.region,
         },
         gap: args.gap,
+        constrain: ConstrainJob {
+            propose: args.constrain || args.snap.is_some() || !args.graphs.is_empty(),
+            level: Some(args.level),
+            snap: args.snap,
+            given: args.given.clone(),
+            graphs: args.graphs.clone(),
+        },
         outputs: args.output.clone(),
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
     };
     let report = contour_files(&job, progress)?;
+    let outputs: Vec<_> = args.output.iter().chain(&args.graphs).cloned().collect();
     Ok(Summary {
-        text: text(&report, args),
+        text: text(&report, &outputs),
         unit: report.unit,
         inputs: vec![args.readings.clone()],
-        outputs: args.output.clone(),
+        outputs,
         warnings: report.warnings.clone(),
         body: Body {
             warnings: report.warnings.clone(),
@@ -82,7 +92,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     })
 }
 
-fn text(report: &ContourReport, args: &ContourArgs) -> String {
+fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
     let mut lines = Lines::default();
     for (i, part) in report.contours.iter().enumerate() {
         if i > 0 {
@@ -104,9 +114,13 @@ fn text(report: &ContourReport, args: &ContourArgs) -> String {
             levels.degrees
         ));
     }
-    if !args.output.is_empty() {
+    if let Some(constrained) = &report.constrained {
         lines.gap();
-        let names: Vec<String> = args.output.iter().map(|path| path.display().to_string()).collect();
+        constrained_text(&mut lines, constrained);
+    }
+    if !outputs.is_empty() {
+        lines.gap();
+        let names: Vec<String> = outputs.iter().map(|path| path.display().to_string()).collect();
         lines.line(format!("Wrote {}.", names.join(", ")));
     }
     lines.into_text()

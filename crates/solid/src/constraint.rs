@@ -50,22 +50,25 @@ mod evidence;
 mod impose;
 mod minimal;
 mod naming;
+mod parse;
 mod place;
 mod propose;
 mod rank;
 mod relation;
+mod scheme;
 mod snap;
 mod solve;
 
 pub use candidates::{Candidate, candidates};
-pub use diagnose::{Dependence, Diagnosis, diagnose, witness};
+pub use diagnose::{Dependence, Diagnosis, diagnose, implications, witness};
 pub use drawing::{ArcId, BarId, CircleId, Drawing, Offset, PointId};
 pub use equations::{ConstraintEquations, Equation};
-pub use impose::{Imposed, impose};
+pub use impose::{Imposed, chi_square_tail, impose};
 pub use minimal::{deletion_filter, quick_xplain};
 pub use place::Place;
-pub use propose::{ConstrainOptions, Constrained, Outcome, Proposal, constrain};
+pub use propose::{ConstrainOptions, Constrained, Outcome, Proposal, constrain, constrain_among};
 pub use relation::{Axis, Constraint};
+pub use scheme::{Dimensioned, dimension_scheme, sigma};
 pub use snap::{Dimension, Snap, SnapOutcome, snap};
 pub use solve::{Solution, solve};
 

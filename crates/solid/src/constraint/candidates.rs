@@ -84,7 +84,8 @@ fn meets_arc(drawing: &Drawing, bar: BarId, circle: CircleId) -> bool {
     arcs.any(|(_, start, end)| drawing.ends(bar).iter().any(|&point| point == start || point == end))
 }
 
-fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
+/// Whether a circle's centre lies to the left of a bar.
+pub(super) fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
     let offset = Constraint::PointLineDistance {
         point: drawing.centre(circle),
         bar,
@@ -94,7 +95,7 @@ fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
 }
 
 /// Whether two circles are nearer to touching from inside than from outside.
-fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
+pub(super) fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
     let gap = |inside| {
         Constraint::TangentCircles { a, b, inside }.equations(drawing, drawing.values().as_slice())[0]
             .residual

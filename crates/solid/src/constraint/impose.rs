@@ -143,7 +143,8 @@ pub(super) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The probability of a χ² of `degrees` degrees of freedom at least as large; 1 without any.
-pub(super) fn chi_square_tail(chi_square: f64, degrees: usize) -> f64 {
+#[must_use]
+pub fn chi_square_tail(chi_square: f64, degrees: usize) -> f64 {
     ChiSquared::new(degrees as f64).map_or(1.0, |distribution| distribution.sf(chi_square))
 }
 

@@ -65,21 +65,21 @@ impl Constraint {
         }
     }
 
-    /// The constraint in words, such as `P1P2 parallel to P4P3`; points are counted from 1.
+    /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`] reads them.
     #[must_use]
     pub fn describe(&self, drawing: &Drawing) -> String {
         let bar = |bar: &BarId| drawing.bar_name(*bar);
         let point = |point: &PointId| drawing.point_name(*point);
         let circle = |circle: &CircleId| drawing.circle_name(*circle);
         match self {
-            Self::Distance { a, b, value } => format!("{} is {value} long", drawing.pair_name(*a, *b)),
+            Self::Distance { a, b, value } => format!("{} is {} long", drawing.pair_name(*a, *b), rounded(*value)),
             Self::PointLineDistance {
                 point: p,
                 bar: b,
                 value,
-            } => format!("{} is {value} from {}", point(p), bar(b)),
+            } => format!("{} is {} from {}", point(p), rounded(*value), bar(b)),
             Self::Angle { from, to, radians } => {
-                format!("{} to {} is {}°", bar(from), bar(to), radians.to_degrees())
+                format!("{} to {} is {}°", bar(from), bar(to), rounded(radians.to_degrees()))
             }
             Self::Parallel { a, b } => format!("{} parallel to {}", bar(a), bar(b)),
             Self::Perpendicular { a, b } => format!("{} perpendicular to {}", bar(a), bar(b)),
@@ -93,11 +93,12 @@ impl Constraint {
             Self::Vertical { bar: b } => format!("{} vertical", bar(b)),
             Self::Coordinate { point: p, axis, value } => {
                 format!(
-                    "{} = {value}",
-                    drawing.parameter_name(drawing.coordinates(*p)[*axis as usize])
+                    "{} = {}",
+                    drawing.parameter_name(drawing.coordinates(*p)[*axis as usize]),
+                    rounded(*value)
                 )
             }
-            Self::Anchor { point: p, at } => format!("{} at ({}, {})", point(p), at[0], at[1]),
+            Self::Anchor { point: p, at } => format!("{} at ({}, {})", point(p), rounded(at[0]), rounded(at[1])),
             Self::Coincident { a, b } => format!("{} on {}", point(a), point(b)),
             Self::PointOnCircle { point: p, circle: c } => format!("{} on {}", point(p), circle(c)),
             Self::TangentAt {
@@ -108,7 +109,7 @@ impl Constraint {
                 format!("{} tangent to {} at {}", bar(b), circle(c), point(p))
             }
             Self::Aligned { a, b } => format!("{} = {}", a.describe(drawing), b.describe(drawing)),
-            Self::Radius { circle: c, value } => format!("{} has radius {value}", circle(c)),
+            Self::Radius { circle: c, value } => format!("{} has radius {}", circle(c), rounded(*value)),
         }
     }
 
@@ -159,4 +160,14 @@ impl Constraint {
         circles.into_iter().for_each(|circle| *circle = offset.circle(*circle));
         moved
     }
+}
+
+/// Eight digits: more than any estimate is known to.
+fn rounded(value: f64) -> f64 {
+    let digits = 7 - value.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
+    if !value.is_finite() || digits > 300 {
+        return value;
+    }
+    let scale = 10_f64.powi(digits);
+    (value * scale).round() / scale
 }

@@ -163,6 +163,22 @@ pub(super) struct Search {
 /// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004, *Choosing
 /// consistent constraints for beautification of reverse engineered geometric models*.
 pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &ConstrainOptions) -> Result<Constrained> {
+    constrain_among(drawing, covariance, &candidates(drawing), options)
+}
+
+/// [`constrain`] among relations of the caller's choice; with none, what is given is imposed and nothing else.
+///
+/// # Errors
+/// As [`constrain`]; also when a candidate names a part that is not there.
+pub fn constrain_among(
+    drawing: &Drawing,
+    covariance: &DMatrix<f64>,
+    candidates: &[Candidate],
+    options: &ConstrainOptions,
+) -> Result<Constrained> {
+    candidates
+        .iter()
+        .try_for_each(|candidate| candidate.constraint.require_parts(drawing))?;
     for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
         if !(value > 0.0 && value < 1.0) {
             return Err(Error::input(format!(
@@ -170,7 +186,6 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
             )));
         }
     }
-    let candidates = candidates(drawing);
     let given = impose(drawing, covariance, &options.given, options.sigma)?;
     let search = Search {
         estimate: drawing.clone(),
@@ -180,13 +195,13 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
         share: Level::new(options.level / candidates.len().max(1) as f64),
         given: (given.chi_square, given.degrees),
     };
-    let mut proposals = search.single_tests(&candidates, &given)?;
+    let mut proposals = search.single_tests(candidates, &given)?;
     let expected_by_chance = proposals
         .iter()
         .filter(|p| p.degrees > 0 && p.chance <= options.max_chance)
         .map(|p| p.chance)
         .sum();
-    let state = search.accept(&candidates, &mut proposals, given)?;
+    let state = search.accept(candidates, &mut proposals, given)?;
     Ok(Constrained {
         constraints: search.constraints(&proposals),
         freedoms: drawing.parameters() - state.degrees,

@@ -10,6 +10,7 @@ use super::evidence::State;
 use super::impose::{Imposed, chi_square_tail};
 use super::propose::Constrained;
 use super::relation::Constraint;
+use super::scheme::sigma as sigma_of;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
@@ -206,7 +207,7 @@ fn look_at(
     let sigma = if test.degrees == 0 {
         0.0
     } else {
-        variance(&constraint, state).sqrt() * dimension.factor()
+        sigma_of(&constraint, drawing, &state.covariance) * dimension.factor()
     };
     let outcome = match (test.degrees, test.holds) {
         (0, true) => SnapOutcome::Implied,
@@ -224,15 +225,4 @@ fn look_at(
         p_value: test.p_value,
         outcome,
     })
-}
-
-fn variance(constraint: &Constraint, state: &Imposed) -> f64 {
-    let equation = &constraint.equations(&state.drawing, state.drawing.values().as_slice())[0];
-    let mut sum = 0.0;
-    for &(i, a) in &equation.gradient {
-        for &(j, b) in &equation.gradient {
-            sum += a * b * state.covariance[(i, j)];
-        }
-    }
-    sum.max(0.0)
 }
