@@ -1,7 +1,7 @@
 //! `planish contour`, and the scene `readings`.
 
 use crate::constrained_text::constrained_text;
-use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs};
+use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs, ViewsArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
@@ -9,7 +9,7 @@ use planish::contour::{
     Relation, SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
-use planish::simulate::{ReadingsOptions, write_readings_scene};
+use planish::simulate::{ReadingsOptions, ViewsOptions, write_readings_scene, write_views_scene};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -214,6 +214,52 @@ fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
         "  planish contour {}{motion} -o contour.json -o contour.svg",
         args.out.join("readings.csv").display()
     ));
+    Ok(Summary {
+        text: lines.into_text(),
+        unit: Some(unit),
+        inputs: Vec::new(),
+        outputs: made.files,
+        warnings: Vec::new(),
+        body: SceneBody {
+            rows: made.rows,
+            columns: made.columns,
+            warnings: [],
+            termination: "converged",
+        },
+    })
+}
+
+/// Runs `simulate scene views`; returns the exit code.
+pub fn run_views(args: &ViewsArgs) -> u8 {
+    report::run("simulate scene views", &args.common, |_| views(args))
+}
+
+fn views(args: &ViewsArgs) -> Result<Summary<SceneBody>> {
+    let unit = args.common.unit.map_or(Unit::Millimetre, Unit::from);
+    let options = ViewsOptions {
+        readings: args.readings,
+        sweep: args.sweep,
+        noise: args.noise,
+        seed: args.common.seed,
+        unit,
+    };
+    let made = write_views_scene(&options, &args.out)?;
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "Simulated {} readings of a prism in three views.",
+        count(made.rows)
+    ));
+    lines.gap();
+    lines.line(format!(
+        "Wrote {} files to {}. Next, for front, top and side:",
+        made.files.len(),
+        args.out.display()
+    ));
+    lines.line(format!(
+        "  planish contour {} --constrain -o front.json",
+        args.out.join("front/readings.csv").display()
+    ));
+    lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json".to_owned());
     Ok(Summary {
         text: lines.into_text(),
         unit: Some(unit),
