@@ -274,6 +274,11 @@ impl Drawing {
         DVector::from_column_slice(&self.values)
     }
 
+    /// The parameters in place.
+    pub(crate) fn raw_values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// The same drawing with other parameters.
     ///
     /// # Errors

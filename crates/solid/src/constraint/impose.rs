@@ -10,6 +10,7 @@ use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::row_rank;
 use super::relation::Constraint;
+use super::solve::solve;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use planish_estimate::{EquationUpdate, Error, KalmanFilter, Result};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -63,6 +64,30 @@ const SETTLED: f64 = 1e-8;
 /// # References
 /// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970, section 8.3.
 pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Constraint], sigma: f64) -> Result<Imposed> {
+    let start = Start {
+        root: &square_root(covariance),
+        near: None,
+    };
+    impose_from(drawing, covariance, constraints, sigma, start)
+}
+
+/// What is known before constraints are imposed on an estimate again and again.
+#[derive(Clone, Copy)]
+pub(super) struct Start<'a> {
+    /// [`square_root`] of the covariance.
+    pub(super) root: &'a DMatrix<f64>,
+    /// A drawing that obeys most of the constraints.
+    pub(super) near: Option<&'a Drawing>,
+}
+
+/// [`impose`] with a head start.
+pub(super) fn impose_from(
+    drawing: &Drawing,
+    covariance: &DMatrix<f64>,
+    constraints: &[Constraint],
+    sigma: f64,
+    start: Start<'_>,
+) -> Result<Imposed> {
     if !(sigma >= 0.0 && sigma.is_finite()) {
         return Err(Error::input(format!(
             "the σ with which constraints hold must not be negative, but is {sigma}"
@@ -72,13 +97,17 @@ pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Const
         .iter()
         .try_for_each(|constraint| constraint.require_parts(drawing))?;
     let mut filter = KalmanFilter::new(drawing.values(), covariance.clone())?;
-    let solution = satisfy(drawing, constraints);
+    let near = start
+        .near
+        .map(|near| solve(near, constraints))
+        .filter(|solution| solution.holds);
+    let solution = near.unwrap_or_else(|| satisfy(drawing, constraints));
     if !solution.holds {
         return Err(contradiction(drawing, constraints));
     }
     let all = ConstraintEquations::new(drawing, constraints);
     let (_, jacobian) = all.residuals_and_jacobian(&solution.values);
-    let spreads = &jacobian * square_root(covariance);
+    let spreads = &jacobian * start.root;
     let rank = row_rank(&spreads, &row_sigmas(&jacobian, covariance), KNOWN);
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();

@@ -113,6 +113,18 @@ impl Constraint {
         }
     }
 
+    /// The parameters that it depends on.
+    pub(crate) fn parameters(&self, drawing: &Drawing) -> Vec<usize> {
+        let equations = self.equations(drawing, drawing.raw_values());
+        let mut found: Vec<usize> = equations
+            .iter()
+            .flat_map(|equation| equation.gradient.iter().map(|&(parameter, _)| parameter))
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
     /// The same constraint between the same parts, once their drawing was put behind another.
     #[must_use]
     pub fn shifted(&self, offset: Offset) -> Self {

@@ -6,8 +6,8 @@
 
 use super::candidates::{Candidate, candidates};
 use super::drawing::Drawing;
-use super::evidence::{Level, State, Test, test};
-use super::impose::{Imposed, chi_square_tail, impose};
+use super::evidence::{Level, State, Test, is_linear, test};
+use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
 use super::relation::Constraint;
 use nalgebra::DMatrix;
@@ -112,11 +112,16 @@ fn as_rows<S: serde::Serializer>(matrix: &DMatrix<f64>, serializer: S) -> std::r
     serializer.collect_seq(matrix.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()))
 }
 
+/// Candidates whose evidence is less than the best one's by no more than this factor's logarithm are taken with it.
+const ALIKE: f64 = 1.0;
+
 /// The estimate, and what is imposed on it so far.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Search {
     pub(super) estimate: Drawing,
     pub(super) covariance: DMatrix<f64>,
+    /// [`square_root`] of it.
+    root: DMatrix<f64>,
     pub(super) options: ConstrainOptions,
     /// How many tests share the level.
     tests: usize,
@@ -131,11 +136,11 @@ pub(super) struct Search {
 /// 1. What is given is imposed. Every one of the [`candidates`] is then tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
 ///    that *any* true one is lost by `level`.
 /// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that
-///    of a residual anywhere in its range. One whose window of acceptance covers more than `max_chance` of that range
+///    of a residual anywhere in its range; with it all that have nearly as much and depend on other parameters. One whose window of acceptance covers more than `max_chance` of that range
 ///    has to wait until others have made the estimate sharper, and is unclear in the end.
 /// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its share of the
 ///    level, or all of them fail the level together, it is refused, and the smallest set it quarrels with is named.
-///    Repeat from 2.
+///    Of several taken together that fail, the best is tried alone. Repeat from 2.
 ///
 /// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose variance is
 /// of second order has to wait too: near a rectangle, one pair of parallel sides leaves the others equal to first
@@ -190,6 +195,7 @@ pub fn constrain_among(
     let search = Search {
         estimate: drawing.clone(),
         covariance: covariance.clone(),
+        root: square_root(covariance),
         options: options.clone(),
         tests: candidates.len().max(1),
         share: Level::new(options.level / candidates.len().max(1) as f64),
@@ -230,7 +236,7 @@ impl Search {
         let mut proposals = Vec::with_capacity(candidates.len());
         let alone = State::unconstrained(&given.drawing, &given.covariance);
         for candidate in candidates {
-            let test = self.test(candidate, &alone)?;
+            let test = self.test(candidate, &alone);
             let known = if test.holds {
                 Outcome::Implied
             } else {
@@ -257,44 +263,89 @@ impl Search {
         Ok(proposals)
     }
 
-    /// Takes the best candidate again and again, until none is left that means anything.
+    /// Takes the best candidates again and again, until none is left that means anything.
     fn accept(&self, candidates: &[Candidate], proposals: &mut [Proposal], given: Imposed) -> Result<Imposed> {
         let mut state = given;
         loop {
             let now = State::new(&state.drawing, &state.covariance, &self.constraints(proposals));
-            let mut best: Option<(usize, Test)> = None;
-            for i in 0..candidates.len() {
-                if proposals[i].outcome != Outcome::Unclear {
-                    continue;
-                }
-                let test = self.test(&candidates[i], &now)?;
-                proposals[i].chance = test.chance;
-                if !test.is_linear {
-                    continue;
-                }
-                if test.degrees == 0 && test.holds {
-                    proposals[i].outcome = Outcome::Implied;
-                } else if test.degrees == 0 {
-                    proposals[i].outcome = self.refusal(proposals, i);
-                } else if test.chance <= self.options.max_chance
-                    && best
-                        .as_ref()
-                        .is_none_or(|(_, known)| test.log_evidence > known.log_evidence)
-                {
-                    best = Some((i, test));
-                }
-            }
-            let Some((i, _)) = best else {
+            let best = self.best(candidates, proposals, &now);
+            let Some(&first) = best.first() else {
                 return Ok(state);
             };
-            proposals[i].outcome = Outcome::Imposed;
-            match self.tried(&self.constraints(proposals), &state) {
-                Some(next) => state = next,
-                None => {
+            for &i in &best {
+                proposals[i].outcome = Outcome::Imposed;
+            }
+            let mut next = self.tried(&self.constraints(proposals), &state);
+            if next.is_none() && best.len() > 1 {
+                for &i in &best[1..] {
                     proposals[i].outcome = Outcome::Unclear;
-                    proposals[i].outcome = self.refusal(proposals, i);
+                }
+                next = self.tried(&self.constraints(proposals), &state);
+            }
+            match next {
+                Some(next) => {
+                    self.mark_implied(proposals, &next);
+                    state = next;
+                }
+                None => {
+                    proposals[first].outcome = Outcome::Unclear;
+                    proposals[first].outcome = self.refusal(proposals, first);
                 }
             }
+        }
+    }
+
+    /// The candidate with the strongest evidence, and others with nearly as much that depend on other parameters; those
+    /// of which nothing is left are marked.
+    fn best(&self, candidates: &[Candidate], proposals: &mut [Proposal], now: &State) -> Vec<usize> {
+        let mut tests: Vec<(usize, Test)> = Vec::new();
+        for i in 0..candidates.len() {
+            if proposals[i].outcome != Outcome::Unclear {
+                continue;
+            }
+            let test = self.test(&candidates[i], now);
+            proposals[i].chance = test.chance;
+            if test.degrees > 0 {
+                if test.chance <= self.options.max_chance && test.is_defined {
+                    tests.push((i, test));
+                }
+            } else if is_linear(&candidates[i], now, &self.covariance) {
+                proposals[i].outcome = match test.holds {
+                    true => Outcome::Implied,
+                    false => self.refusal(proposals, i),
+                };
+            }
+        }
+        tests.sort_by(|a, b| b.1.log_evidence.total_cmp(&a.1.log_evidence).then(a.0.cmp(&b.0)));
+        let mut best: Vec<usize> = Vec::new();
+        let mut taken = vec![false; self.estimate.parameters()];
+        let mut least = f64::NEG_INFINITY;
+        for (i, test) in tests {
+            if test.log_evidence < least {
+                break;
+            }
+            let parameters = candidates[i].constraint.parameters(&self.estimate);
+            let is_apart = parameters.iter().all(|&parameter| !taken[parameter]);
+            let passes = best.is_empty() || test.p_value >= self.options.level / self.tests as f64;
+            if is_apart && passes && is_linear(&candidates[i], now, &self.covariance) {
+                if best.is_empty() {
+                    least = test.log_evidence - ALIKE;
+                }
+                parameters.iter().for_each(|&parameter| taken[parameter] = true);
+                best.push(i);
+            }
+        }
+        best
+    }
+
+    /// Of candidates that were taken together, those that the others left nothing to say.
+    fn mark_implied(&self, proposals: &mut [Proposal], next: &Imposed) {
+        let given = self.options.given.len();
+        let imposed: Vec<usize> = (0..proposals.len())
+            .filter(|&i| proposals[i].outcome == Outcome::Imposed)
+            .collect();
+        for &implied in next.implied.iter().filter(|&&implied| implied >= given) {
+            proposals[imposed[implied - given]].outcome = Outcome::Implied;
         }
     }
 
@@ -312,7 +363,11 @@ impl Search {
     /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and all pass
     /// it together.
     pub(super) fn tried(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
-        let next = impose(&self.estimate, &self.covariance, constraints, self.options.sigma).ok()?;
+        let start = Start {
+            root: &self.root,
+            near: Some(&before.drawing),
+        };
+        let next = impose_from(&self.estimate, &self.covariance, constraints, self.options.sigma, start).ok()?;
         let added = chi_square_tail(
             (next.chi_square - before.chi_square).max(0.0),
             next.degrees.saturating_sub(before.degrees),
@@ -332,7 +387,17 @@ impl Search {
         let found = quick_xplain(accepted.len(), |chosen| {
             let mut constraints = self.options.given.clone();
             constraints.extend(chosen.iter().map(|&i| proposals[accepted[i]].constraint));
-            let before = impose(&self.estimate, &self.covariance, &constraints, self.options.sigma);
+            let start = Start {
+                root: &self.root,
+                near: None,
+            };
+            let before = impose_from(
+                &self.estimate,
+                &self.covariance,
+                &constraints,
+                self.options.sigma,
+                start,
+            );
             constraints.push(proposals[candidate].constraint);
             before.is_ok_and(|before| self.tried(&constraints, &before).is_some())
         });
@@ -341,7 +406,7 @@ impl Search {
         }
     }
 
-    pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Result<Test> {
+    pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Test {
         test(candidate, state, &self.covariance, self.share)
     }
 }

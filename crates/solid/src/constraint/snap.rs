@@ -202,7 +202,7 @@ fn look_at(
         constraint: dimension.constraint(drawing, nearest),
         range: grid,
     };
-    let test = constrained.search.test(&candidate, now)?;
+    let test = constrained.search.test(&candidate, now);
     let away = (value - nearest).abs();
     let sigma = if test.degrees == 0 {
         0.0
