@@ -53,6 +53,7 @@ mod naming;
 mod parse;
 mod place;
 mod propose;
+mod quarrel;
 mod rank;
 mod relation;
 mod scheme;

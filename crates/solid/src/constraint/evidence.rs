@@ -4,7 +4,7 @@ use super::candidates::Candidate;
 use super::drawing::Drawing;
 use super::draws::Draws;
 use super::equations::{ConstraintEquations, Equation};
-use super::impose::{KNOWN, chi_square_bound, chi_square_tail, square_root};
+use super::impose::{Imposed, KNOWN, chi_square_bound, chi_square_tail, square_root};
 use super::relation::Constraint;
 use super::solve::solve;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -19,7 +19,7 @@ pub(super) struct State {
 }
 
 /// Enough to tell the size of what is not linear.
-const OTHERS: u64 = 8;
+const OTHERS: u64 = 16;
 /// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear
 /// part but for the estimate's own deviations, both are of one size.
 const STRAIGHT: f64 = 0.01;
@@ -42,11 +42,11 @@ impl State {
     }
 
     /// An estimate on which constraints were imposed.
-    pub(super) fn new(drawing: &Drawing, covariance: &DMatrix<f64>, imposed: &[Constraint]) -> Self {
-        let mut state = Self::unconstrained(drawing, covariance);
-        let values = drawing.values();
-        let root = square_root(covariance);
-        let nearby = Nearby::new(drawing, imposed);
+    pub(super) fn new(estimate: &Imposed, imposed: &[Constraint]) -> Self {
+        let mut state = Self::unconstrained(&estimate.drawing, &estimate.covariance);
+        let values = estimate.drawing.values();
+        let root = square_root(&estimate.covariance);
+        let nearby = Nearby::new(&estimate.drawing, imposed);
         state.others = (0..OTHERS)
             .filter_map(|seed| {
                 let step = &root * Draws::new(seed).spread(values.len());

@@ -9,6 +9,7 @@ use super::drawing::Drawing;
 use super::evidence::{Level, State, Test, is_linear, test};
 use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
+use super::quarrel::Linearised;
 use super::relation::Constraint;
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
@@ -267,8 +268,8 @@ impl Search {
     fn accept(&self, candidates: &[Candidate], proposals: &mut [Proposal], given: Imposed) -> Result<Imposed> {
         let mut state = given;
         loop {
-            let now = State::new(&state.drawing, &state.covariance, &self.constraints(proposals));
-            let best = self.best(candidates, proposals, &now);
+            let now = State::new(&state, &self.constraints(proposals));
+            let best = self.best(candidates, proposals, &now, &state.drawing);
             let Some(&first) = best.first() else {
                 return Ok(state);
             };
@@ -289,7 +290,7 @@ impl Search {
                 }
                 None => {
                     proposals[first].outcome = Outcome::Unclear;
-                    proposals[first].outcome = self.refusal(proposals, first);
+                    proposals[first].outcome = self.refusal(proposals, first, &state.drawing);
                 }
             }
         }
@@ -297,7 +298,7 @@ impl Search {
 
     /// The candidate with the strongest evidence, and others with nearly as much that depend on other parameters; those
     /// of which nothing is left are marked.
-    fn best(&self, candidates: &[Candidate], proposals: &mut [Proposal], now: &State) -> Vec<usize> {
+    fn best(&self, candidates: &[Candidate], proposals: &mut [Proposal], now: &State, at: &Drawing) -> Vec<usize> {
         let mut tests: Vec<(usize, Test)> = Vec::new();
         for i in 0..candidates.len() {
             if proposals[i].outcome != Outcome::Unclear {
@@ -312,7 +313,7 @@ impl Search {
             } else if is_linear(&candidates[i], now, &self.covariance) {
                 proposals[i].outcome = match test.holds {
                     true => Outcome::Implied,
-                    false => self.refusal(proposals, i),
+                    false => self.refusal(proposals, i, at),
                 };
             }
         }
@@ -368,22 +369,38 @@ impl Search {
             near: Some(&before.drawing),
         };
         let next = impose_from(&self.estimate, &self.covariance, constraints, self.options.sigma, start).ok()?;
-        let added = chi_square_tail(
-            (next.chi_square - before.chi_square).max(0.0),
-            next.degrees.saturating_sub(before.degrees),
-        );
-        let joint = chi_square_tail(
-            (next.chi_square - self.given.0).max(0.0),
-            next.degrees.saturating_sub(self.given.1),
-        );
-        (added >= self.options.level / self.tests as f64 && joint >= self.options.level).then_some(next)
+        let passes = self.passes((before.chi_square, before.degrees), (next.chi_square, next.degrees));
+        passes.then_some(next)
     }
 
-    /// The smallest set of accepted proposals that a candidate cannot be accepted after.
-    fn refusal(&self, proposals: &[Proposal], candidate: usize) -> Outcome {
+    /// Whether what is added to a χ² with its degrees passes its share of the level, and all of it the level.
+    fn passes(&self, before: (f64, usize), after: (f64, usize)) -> bool {
+        let tail = |from: (f64, usize)| chi_square_tail((after.0 - from.0).max(0.0), after.1.saturating_sub(from.1));
+        tail(before) >= self.options.level / self.tests as f64 && tail(self.given) >= self.options.level
+    }
+
+    /// The smallest set of accepted proposals that a candidate cannot be accepted after: to first order where the accepted
+    /// ones hold, and only where that sees no quarrel with all equations anew.
+    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &Drawing) -> Outcome {
         let accepted: Vec<usize> = (0..proposals.len())
             .filter(|&i| proposals[i].outcome == Outcome::Imposed)
             .collect();
+        let given = self.options.given.len();
+        let mut all = self.options.given.clone();
+        all.extend(accepted.iter().map(|&i| proposals[i].constraint));
+        all.push(proposals[candidate].constraint);
+        let linear = Linearised::new(&self.estimate, at, &self.root, &self.covariance, &all);
+        let first_order = quick_xplain(accepted.len(), |chosen| {
+            let known = || (0..given).chain(chosen.iter().map(|&i| given + i));
+            let before = linear.cost(known());
+            let after = linear.cost(known().chain([all.len() - 1]));
+            self.passes((before.chi_square, before.degrees), (after.chi_square, after.degrees))
+        });
+        if !first_order.is_empty() {
+            return Outcome::Refused {
+                with: first_order.into_iter().map(|i| accepted[i]).collect(),
+            };
+        }
         let found = quick_xplain(accepted.len(), |chosen| {
             let mut constraints = self.options.given.clone();
             constraints.extend(chosen.iter().map(|&i| proposals[accepted[i]].constraint));
