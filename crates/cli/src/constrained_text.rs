@@ -73,9 +73,9 @@ pub fn constrained_text(lines: &mut Lines, report: &ConstrainedReport) {
         .map(|dimension| vec![dimension.text.clone(), significant(dimension.sigma, 2)])
         .collect();
     if rows.is_empty() {
-        lines.line("Nothing is left free.".to_owned());
+        lines.line("Nothing is left free.");
     } else {
-        lines.line("What is left free, as dimensions:".to_owned());
+        lines.line("What is left free, as dimensions:");
         lines.gap();
         lines.table(&[("dimension", Align::Left), ("σ", Align::Right)], &rows);
     }

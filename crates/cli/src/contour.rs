@@ -259,7 +259,7 @@ fn views(args: &ViewsArgs) -> Result<Summary<SceneBody>> {
         "  planish contour {} --constrain -o front.json",
         args.out.join("front/readings.csv").display()
     ));
-    lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json".to_owned());
+    lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json");
     Ok(Summary {
         text: lines.into_text(),
         unit: Some(unit),

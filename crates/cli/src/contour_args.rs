@@ -55,7 +55,7 @@ pub struct ContourArgs {
     /// implies --constrain
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true, help_heading = "Constraints")]
     pub snap: Option<Length>,
-    /// What is known beforehand, such as \"P1P2 is 40 long\" or \"P1P2 parallel to P3P4\", in the words and names of the
+    /// What is known beforehand, such as `P1P2 is 40 long` or `P1P2 parallel to P3P4`, in the words and names of the
     /// report; may be repeated
     #[arg(long, value_name = "CONSTRAINT", help_heading = "Constraints")]
     pub given: Vec<String>,

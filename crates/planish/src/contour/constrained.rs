@@ -179,10 +179,13 @@ pub struct ConstrainedReport {
     pub conflicting: Vec<ReportedDependence>,
 }
 
+/// The kind and parameters of a contour to draw.
+type DrawnKind = (Kind, Vec<f64>);
+
 /// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should know.
 pub(super) struct ConstrainedParts {
     pub(super) report: ConstrainedReport,
-    pub(super) drawn: Vec<(Kind, Vec<f64>)>,
+    pub(super) drawn: Vec<DrawnKind>,
     pub(super) graphs: GraphsOfView,
     pub(super) warnings: Vec<String>,
 }
@@ -305,7 +308,7 @@ fn estimated(part: &Part, seen: Option<[[f64; 2]; 2]>) -> EstimatedContour {
     }
 }
 
-fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedContour>, Vec<(Kind, Vec<f64>)>)> {
+fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedContour>, Vec<DrawnKind>)> {
     let (mut contours, mut drawn) = (Vec::new(), Vec::new());
     for i in 0..sketch.parts.len() {
         let kind = sketch.parts[i].kind.clone();
