@@ -30,7 +30,7 @@ fn contour(folder: &Path, args: &[&str]) -> Value {
     planish(folder, &all).ok().json()
 }
 
-fn texts<'a>(list: &'a Value, keep: impl Fn(&Value) -> bool) -> Vec<&'a str> {
+fn texts(list: &Value, keep: impl Fn(&Value) -> bool) -> Vec<&str> {
     let all = list.as_array().expect("a list").iter().filter(|item| keep(item));
     all.map(|item| item["text"].as_str().expect("a text")).collect()
 }
