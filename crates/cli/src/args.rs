@@ -1,12 +1,13 @@
 //! The command line, as clap reads it: every option, its unit, its default, and an example that runs.
 
-use crate::contour_args::{ContourArgs, ReadingsArgs};
+use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
 use planish::fit::{Filter, RefineBy, ThingMotion};
 use planish::next::Length;
 use planish::propagate::SymmetryChoice;
+use planish::solid::ViewKind;
 use planish::{Shape, SymmetryKind, Unit};
 use std::path::PathBuf;
 
@@ -396,11 +397,16 @@ Examples:
   planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf -o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
   planish solid sheet.dxf --projection third -o part.step
+  planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
 
 The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
 in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found
 by that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are
-left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.";
+left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.
+
+Contours that planish contour wrote (.json) are views, too: relations in each are found by χ² tests (or taken from the file, where --constrain or
+--given was asked for there), coordinates that views share are matched by χ² and made one geometry by all views' information; a part.json then
+holds vertices and sizes in space with σ.";
 
 /// How views are placed on a sheet.
 #[allow(
@@ -417,10 +423,19 @@ pub enum ProjectionName {
 #[derive(Debug, Args)]
 #[command(after_help = SOLID_EXAMPLES)]
 pub struct SolidArgs {
-    /// The front, top and side view as DXF files, in this order; the side view may be left out. Or one file with all views
-    #[arg(value_name = "VIEW.dxf", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
+    /// The front, top and side view as DXF files or as contours (.json), in this order; the side view may be left out. Or one DXF file with all views
+    #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     pub views: Vec<PathBuf>,
-    /// Write the best solid: .step or .stp (repeatable)
+    /// Which views these are, where not front, top and side: such as `front,side`
+    #[arg(long = "as", value_name = "VIEWS", value_delimiter = ',', value_enum)]
+    pub kinds: Vec<ViewName>,
+    /// Of contours: the probability with which relations and matches that are true are lost
+    #[arg(long, value_name = "PROBABILITY", default_value_t = 0.001, value_parser = probability, allow_negative_numbers = true)]
+    pub level: f64,
+    /// Of contours: write the graphs of each view's constraints and the composite graph, .json or .dot (repeatable)
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub graphs: Vec<PathBuf>,
+    /// Write the best solid: .step or .stp (repeatable); of contours also .json, its vertices and sizes with σ
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
@@ -432,6 +447,28 @@ pub struct SolidArgs {
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// A view on the command line.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; the names are the views"
+)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ViewName {
+    Front,
+    Top,
+    Side,
+}
+
+impl From<ViewName> for ViewKind {
+    fn from(name: ViewName) -> Self {
+        match name {
+            ViewName::Front => Self::Front,
+            ViewName::Top => Self::Top,
+            ViewName::Side => Self::Side,
+        }
+    }
 }
 
 const NEXT_EXAMPLES: &str = "\
@@ -772,6 +809,8 @@ pub enum Scene {
     Vessel(VesselArgs),
     /// A contour of 100 mm, ranged from uncertain poses, for `contour`
     Readings(ReadingsArgs),
+    /// The outlines of a triangular prism in three views, ranged from uncertain poses, for `contour` and `solid`
+    Views(ViewsArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
     /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole
@@ -1037,8 +1076,13 @@ pub fn share(text: &str) -> Result<f64, String> {
     within(text, "a share from 0 to 1", |v| (0.0..=1.0).contains(&v))
 }
 
+/// A probability between 0 and 1, both excluded.
+pub fn probability(text: &str) -> Result<f64, String> {
+    within(text, "a probability above 0 and below 1", |v| v > 0.0 && v < 1.0)
+}
+
 /// A length above zero, with or without its unit.
-fn length(text: &str) -> Result<Length, String> {
+pub fn length(text: &str) -> Result<Length, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match text[number.len()..].trim() {
         "" => None,

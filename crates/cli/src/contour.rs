@@ -1,16 +1,18 @@
 //! `planish contour`, and the scene `readings`.
 
-use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs};
+use crate::constrained_text::constrained_text;
+use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs, ViewsArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation,
-    SigmaDefaults, contour_files,
+    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport,
+    Relation, SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
-use planish::simulate::{ReadingsOptions, write_readings_scene};
+use planish::simulate::{ReadingsOptions, ViewsOptions, write_readings_scene, write_views_scene};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// The keys of `contour` beside the common ones.
 #[derive(Serialize)]
@@ -64,15 +66,23 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             region: args.region,
         },
         gap: args.gap,
+        constrain: ConstrainJob {
+            propose: args.constrain || args.snap.is_some() || !args.graphs.is_empty(),
+            level: Some(args.level),
+            snap: args.snap,
+            given: args.given.clone(),
+            graphs: args.graphs.clone(),
+        },
         outputs: args.output.clone(),
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
     };
     let report = contour_files(&job, progress)?;
+    let outputs: Vec<_> = args.output.iter().chain(&args.graphs).cloned().collect();
     Ok(Summary {
-        text: text(&report, args),
+        text: text(&report, &outputs),
         unit: report.unit,
         inputs: vec![args.readings.clone()],
-        outputs: args.output.clone(),
+        outputs,
         warnings: report.warnings.clone(),
         body: Body {
             warnings: report.warnings.clone(),
@@ -82,7 +92,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     })
 }
 
-fn text(report: &ContourReport, args: &ContourArgs) -> String {
+fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
     let mut lines = Lines::default();
     for (i, part) in report.contours.iter().enumerate() {
         if i > 0 {
@@ -104,9 +114,13 @@ fn text(report: &ContourReport, args: &ContourArgs) -> String {
             levels.degrees
         ));
     }
-    if !args.output.is_empty() {
+    if let Some(constrained) = &report.constrained {
         lines.gap();
-        let names: Vec<String> = args.output.iter().map(|path| path.display().to_string()).collect();
+        constrained_text(&mut lines, constrained);
+    }
+    if !outputs.is_empty() {
+        lines.gap();
+        let names: Vec<String> = outputs.iter().map(|path| path.display().to_string()).collect();
         lines.line(format!("Wrote {}.", names.join(", ")));
     }
     lines.into_text()
@@ -200,6 +214,52 @@ fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
         "  planish contour {}{motion} -o contour.json -o contour.svg",
         args.out.join("readings.csv").display()
     ));
+    Ok(Summary {
+        text: lines.into_text(),
+        unit: Some(unit),
+        inputs: Vec::new(),
+        outputs: made.files,
+        warnings: Vec::new(),
+        body: SceneBody {
+            rows: made.rows,
+            columns: made.columns,
+            warnings: [],
+            termination: "converged",
+        },
+    })
+}
+
+/// Runs `simulate scene views`; returns the exit code.
+pub fn run_views(args: &ViewsArgs) -> u8 {
+    report::run("simulate scene views", &args.common, |_| views(args))
+}
+
+fn views(args: &ViewsArgs) -> Result<Summary<SceneBody>> {
+    let unit = args.common.unit.map_or(Unit::Millimetre, Unit::from);
+    let options = ViewsOptions {
+        readings: args.readings,
+        sweep: args.sweep,
+        noise: args.noise,
+        seed: args.common.seed,
+        unit,
+    };
+    let made = write_views_scene(&options, &args.out)?;
+    let mut lines = Lines::default();
+    lines.line(format!(
+        "Simulated {} readings of a prism in three views.",
+        count(made.rows)
+    ));
+    lines.gap();
+    lines.line(format!(
+        "Wrote {} files to {}. Next, for front, top and side:",
+        made.files.len(),
+        args.out.display()
+    ));
+    lines.line(format!(
+        "  planish contour {} --constrain -o front.json",
+        args.out.join("front/readings.csv").display()
+    ));
+    lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json");
     Ok(Summary {
         text: lines.into_text(),
         unit: Some(unit),

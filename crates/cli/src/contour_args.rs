@@ -1,14 +1,16 @@
 //! Arguments of `planish contour` and of the scene that makes readings for it.
 
-use crate::args::{CommonArgs, not_negative, positive, share, whole};
+use crate::args::{CommonArgs, length, not_negative, positive, probability, share, whole};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::contour::Kind;
+use planish::next::Length;
 use std::path::PathBuf;
 
 const CONTOUR_EXAMPLES: &str = "\
 Examples:
   planish simulate scene readings --shape rectangle --out seen
   planish contour seen/readings.csv --kind auto -o contour.json -o contour.dxf -o contour.svg
+  planish contour seen/readings.csv --constrain --snap 0.5mm -o contour.json --graphs graphs.dot
   planish contour robot.log.gz --scan 40 --region 0,0,4,3 --gap 0.3 -o room.dxf
 
 Readings are CSV with a header: x,y,heading_deg,range (a pose, its heading counter-clockwise from +x, what the sensor read) and \
@@ -45,6 +47,25 @@ pub struct ContourArgs {
     /// One equation for all sides (their product) instead of one for the side that was hit
     #[arg(long)]
     pub product: bool,
+    /// Find what holds between the parts (parallel, perpendicular, horizontal, equal, tangent, concentric, ...) by χ² tests on the
+    /// estimated covariance, and impose it
+    #[arg(long, help_heading = "Constraints")]
+    pub constrain: bool,
+    /// Put lengths and diameters on multiples of this where the statistics allow it and no other multiple agrees, as `0.5mm`;
+    /// implies --constrain
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true, help_heading = "Constraints")]
+    pub snap: Option<Length>,
+    /// What is known beforehand, such as `P1P2 is 40 long` or `P1P2 parallel to P3P4`, in the words and names of the
+    /// report; may be repeated
+    #[arg(long, value_name = "CONSTRAINT", help_heading = "Constraints")]
+    pub given: Vec<String>,
+    /// The probability with which relations that are true are lost
+    #[arg(long, value_name = "PROBABILITY", default_value_t = 0.001, value_parser = probability, allow_negative_numbers = true,
+          help_heading = "Constraints")]
+    pub level: f64,
+    /// Write the graphs of the constraints: .json or .dot (repeatable); implies --constrain
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help_heading = "Constraints")]
+    pub graphs: Vec<PathBuf>,
     /// σ of x and y of the sensor, where the file has none [default: known exactly]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Sensor")]
     pub sigma_position: Option<f64>,
@@ -138,6 +159,37 @@ pub struct ReadingsArgs {
     /// Velocity of the thing, in lengths and degrees a second; a hundred readings are taken in a second
     #[arg(long, value_name = "VX,VY,DEG", value_parser = triple, allow_hyphen_values = true)]
     pub velocity: Option<[f64; 3]>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const VIEWS_EXAMPLES: &str = "\
+Examples:
+  planish simulate scene views --out prism
+  planish contour prism/front/readings.csv -o front.json
+  planish solid front.json top.json side.json -o prism.step -o prism.json
+
+The folders front, top and side then hold readings.csv, exact.csv (the same without errors) and truth.json (as of contour.json); truth.json beside them has \
+the prism's vertices. It is 80 mm wide (x), 100 mm deep (y) and 60 mm high (z), its right angle at the origin: the prism of Weiss-Cohen, Bondarenko and Halevi 2009, figure 3. \
+The sensor is 300 mm away, knows its place to 0.2 mm and its heading to 0.2°, and reads to 0.1 %.";
+
+/// Arguments of `planish simulate scene views`.
+#[derive(Debug, Args)]
+#[command(after_help = VIEWS_EXAMPLES)]
+pub struct ViewsArgs {
+    /// Folder to write to; made where it is missing
+    #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// How many readings of each view
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = whole, allow_negative_numbers = true)]
+    pub readings: usize,
+    /// Readings from each pose; those of one pose share its error
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole, allow_negative_numbers = true)]
+    pub sweep: usize,
+    /// Errors over the usual ones
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true)]
+    pub noise: f64,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

@@ -5,6 +5,7 @@
 
 mod args;
 mod compare;
+mod constrained_text;
 mod contour;
 mod contour_args;
 mod failure;

@@ -43,6 +43,7 @@ pub fn run(args: &SimulateArgs) -> u8 {
                 bending(args, progress)
             }),
             Scene::Readings(args) => crate::contour::run_scene(args),
+            Scene::Views(args) => crate::contour::run_views(args),
             Scene::Vessel(args) => {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
             }

@@ -4,7 +4,7 @@ use crate::args::{ProjectionName, SolidArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
-use planish::solid::{Projection, SolidJob, SolidReport, UnexplainedLine, solid_files};
+use planish::solid::{DimensionKind, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files};
 use planish::{ErrorKind, Result};
 use serde::Serialize;
 use std::cell::Cell;
@@ -37,6 +37,9 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
             ProjectionName::First => Projection::FirstAngle,
             ProjectionName::Third => Projection::ThirdAngle,
         },
+        kinds: (!args.kinds.is_empty()).then(|| args.kinds.iter().copied().map(Into::into).collect()),
+        level: args.level,
+        graphs: args.graphs.clone(),
         outputs: args.output.clone(),
         all: args.all,
         unit: args.common.unit.map(Into::into),
@@ -111,5 +114,80 @@ fn text(report: &SolidReport) -> String {
         ],
         &rows,
     );
+    if let Some(geometry) = &report.geometry {
+        lines.gap();
+        geometry_text(&mut lines, geometry);
+    }
     lines.into_text()
+}
+
+/// How noisy views became one, and what is known of the best solid.
+fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
+    for view in &geometry.views {
+        lines.line(format!(
+            "{}: {}; {} parameters, rank {}; {}.",
+            view.view,
+            view.contours.join(", "),
+            view.parameters,
+            view.rank,
+            match view.constraints.len() {
+                0 => "nothing else holds".to_owned(),
+                _ => view.constraints.join(", "),
+            }
+        ));
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = geometry
+        .matches
+        .iter()
+        .filter(|found| found.outcome != "implied")
+        .map(|found| {
+            vec![
+                found.axis.to_owned(),
+                found.text.clone(),
+                significant(found.chi_square, 3),
+                significant(found.p_value, 2),
+                found.outcome.to_owned(),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("", Align::Left),
+            ("the same in two views", Align::Left),
+            ("χ²", Align::Right),
+            ("p", Align::Right),
+            ("", Align::Left),
+        ],
+        &rows,
+    );
+    lines.gap();
+    lines.line(format!(
+        "One geometry costs the views χ² {} of {} degrees, p = {}.",
+        significant(geometry.chi_square, 3),
+        geometry.degrees,
+        significant(geometry.p_value, 2)
+    ));
+    lines.gap();
+    let rows: Vec<Vec<String>> = geometry
+        .dimensions
+        .iter()
+        .map(|size| {
+            let kind = match size.kind {
+                DimensionKind::Extent => "extent along",
+                DimensionKind::Length => "length of",
+                DimensionKind::Diameter => "diameter of",
+            };
+            vec![
+                format!("{kind} {}", size.name),
+                significant(size.value, 6),
+                size.sigma
+                    .map_or_else(|| "unknown".to_owned(), |sigma| significant(sigma, 2)),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)],
+        &rows,
+    );
 }

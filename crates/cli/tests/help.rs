@@ -32,6 +32,7 @@ fn help_of_every_command() {
         ("simulate_scene_grid", &["simulate", "scene", "grid", "--help"]),
         ("simulate_scene_vessel", &["simulate", "scene", "vessel", "--help"]),
         ("simulate_scene_readings", &["simulate", "scene", "readings", "--help"]),
+        ("simulate_scene_views", &["simulate", "scene", "views", "--help"]),
         ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
         ("simulate_scene_bending", &["simulate", "scene", "bending", "--help"]),
     ] {
@@ -62,6 +63,7 @@ fn examples_of_the_help_are_commands_that_parse() {
         "simulate scene stereo",
         "simulate scene vessel",
         "simulate scene readings",
+        "simulate scene views",
         "simulate scene turning",
         "simulate scene bending",
         "simulate sphere",

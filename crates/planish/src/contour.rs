@@ -4,12 +4,18 @@
 //! by gaps between them; of each part several kinds are tried. Not guaranteed: parts that are nearer to each other than
 //! readings of one part; `gap` says where that is.
 
+mod constrained;
 mod levels;
 mod report;
 
+pub use constrained::{
+    ConstrainJob, ConstrainedContour, ConstrainedReport, ImposedConstraint, ReportedDependence, ReportedFreedoms,
+    ReportedPoint, ReportedRelation, ReportedSize,
+};
 pub use levels::{LevelRelation, Relation};
 pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 
+use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -18,6 +24,7 @@ use planish_exchange::contours::{
     ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
+pub use planish_solid::constraint::SnapOutcome;
 use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 use std::io::Write;
@@ -43,6 +50,8 @@ pub struct ContourJob {
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
+    /// What to find and impose between the contours.
+    pub constrain: ConstrainJob,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
 }
@@ -70,16 +79,37 @@ pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<Contou
         refuse_input_as_output(output, std::slice::from_ref(&job.input))?;
         check_writable(output)?;
     }
+    for graphs in &job.constrain.graphs {
+        check_graphs_name(graphs)?;
+        refuse_input_as_output(graphs, std::slice::from_ref(&job.input))?;
+        check_writable(graphs)?;
+    }
     progress.check("reading", 0.0)?;
     let read = read_contour_readings(&job.input, &job.sigma, &job.carmen)?;
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let mut warnings = Vec::new();
     let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
-    let report = report::report(&read, &parts, unit, warnings);
+    let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
+    let mut report = report::report(&read, &parts, &seen, unit, warnings);
+    let mut drawn: Vec<DrawnContour> = parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
+    let mut graphs = None;
+    if job.constrain.is_asked_for() {
+        progress.check("constraining", 0.9)?;
+        let found = constrained::constrained(&job.constrain, &parts, &seen, unit)
+            .map_err(|e| e.in_context(job.input.display()))?;
+        for (contour, (kind, theta)) in drawn.iter_mut().zip(found.drawn) {
+            (contour.kind, contour.theta) = (kind, theta);
+        }
+        report.warnings.extend(found.warnings);
+        report.constrained = Some(found.report);
+        graphs = Some(found.graphs);
+    }
     progress.check(WRITING_STAGE, 0.95)?;
-    let drawn: Vec<DrawnContour> = parts.iter().map(|part| drawn(part, &read.sightings)).collect();
     for output in &job.outputs {
         write(output, &report, &drawn, &parts, &read)?;
+    }
+    for (path, graphs) in job.constrain.graphs.iter().zip(graphs.iter().cycle()) {
+        write_graphs(path, std::slice::from_ref(graphs), None)?;
     }
     progress.advance("done", 1.0);
     Ok(report)
@@ -159,18 +189,25 @@ fn usual_gap(sightings: &[Sighting]) -> f64 {
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
 
-fn drawn(part: &Part, sightings: &[Sighting]) -> DrawnContour {
+/// Of a line, the ends of what was seen.
+fn ends_seen(part: &Part, sightings: &[Sighting]) -> Option<[[f64; 2]; 2]> {
+    let fit = &part.choice.fit;
+    if fit.kind != Kind::Line {
+        return None;
+    }
+    let theta = fit.state.as_slice();
+    let (sin, cos) = theta[0].sin_cos();
+    let along = part.members.iter().map(|&i| {
+        let p = sightings[i].point();
+        cos * p[0] + sin * p[1]
+    });
+    let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+    Some([from, to].map(|t| [t * cos - theta[1] * sin, t * sin + theta[1] * cos]))
+}
+
+fn drawn(part: &Part, seen: Option<[[f64; 2]; 2]>) -> DrawnContour {
     let fit = &part.choice.fit;
     let (theta, _) = fit.kind.canonical(&fit.state.as_slice()[..fit.kind.parameters()]);
-    let seen = (fit.kind == Kind::Line).then(|| {
-        let (sin, cos) = theta[0].sin_cos();
-        let along = part.members.iter().map(|&i| {
-            let p = sightings[i].point();
-            cos * p[0] + sin * p[1]
-        });
-        let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
-        [from, to].map(|t| [t * cos - theta[1] * sin, t * sin + theta[1] * cos])
-    });
     DrawnContour {
         kind: fit.kind.clone(),
         theta,

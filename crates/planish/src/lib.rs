@@ -10,6 +10,7 @@ pub mod dem;
 mod domain;
 pub mod fit;
 pub mod fit_files;
+pub mod graphs;
 pub mod info;
 pub mod mesh_output;
 pub mod model;

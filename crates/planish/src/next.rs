@@ -338,7 +338,9 @@ pub struct Length {
 }
 
 impl Length {
-    fn in_unit(self, unit: Unit) -> f64 {
+    /// The length in a unit; one without a unit of its own is in that already.
+    #[must_use]
+    pub fn in_unit(self, unit: Unit) -> f64 {
         self.value * self.unit.unwrap_or(unit).millimetres() / unit.millimetres()
     }
 }

@@ -15,6 +15,7 @@
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
 //! | readings | the scene `readings`: a contour, ranged from uncertain poses |
+//! | views | the scene `views`: the outlines of a prism in three views, ranged so |
 //! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
@@ -43,6 +44,7 @@ mod sphere;
 mod truth;
 mod turning;
 mod vessel;
+mod views;
 mod virtual_sensor;
 
 #[cfg(test)]
@@ -63,4 +65,5 @@ pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, sphere_formin
 pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use turning::{TurningOptions, turning, write_turning_scene};
 pub use vessel::{VesselOptions, vessel, write_vessel_scene};
+pub use views::{PRISM_MM, ViewsOptions, write_views_scene};
 pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

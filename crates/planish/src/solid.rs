@@ -1,8 +1,13 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Comes in: DXF files, one a view, or one with all views. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
+//! Comes in: DXF files, one a view, or one with all views; or contours with their covariance as `planish contour` writes them, one a view. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
 //! them explains.
 
+mod noisy;
+
+pub use noisy::{NoisyGeometry, ReportedView};
+
+use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
@@ -10,8 +15,9 @@ use planish_exchange::dxf::read_dxf;
 use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
-pub use planish_solid::views::Projection;
-use planish_solid::views::{Drawing, View, ViewKind, solve, views_of_sheet};
+pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
+pub use planish_solid::views::{Projection, ViewKind};
+use planish_solid::views::{Drawing, View, solve, views_of_sheet};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -21,11 +27,17 @@ const UNCERTAINTY_MM: f64 = 1e-5;
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF files of the front, top and side view, in this order; the side view may be left out. One file holds all views.
+    /// DXF files, or `.json` files of contours, of the front, top and side view, in this order; the side view may be left out. One DXF file holds all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
-    /// STEP files to write.
+    /// Which views these are, where not front, top and side.
+    pub kinds: Option<Vec<ViewKind>>,
+    /// The probability with which true relations and matches of contours fail.
+    pub level: f64,
+    /// Of contours, the graphs of each view and the composite graph: `.json`, `.dot`.
+    pub graphs: Vec<PathBuf>,
+    /// STEP files to write; of contours also `.json`, what is known of the sizes.
     pub outputs: Vec<PathBuf>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
@@ -87,6 +99,9 @@ pub struct SolidReport {
     pub complete: bool,
     /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
+    /// Of contours, how they were matched, and the best solid's sizes with σ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<NoisyGeometry>,
     /// What a user should know.
     pub warnings: Vec<String>,
     /// The unit of all lengths.
@@ -106,9 +121,23 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
     plan(job)?;
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
-    let (drawing, unit) = read(job, &mut warnings)?;
+    let noisy = match is_contours(job) {
+        true => Some(noisy::read(job, &mut warnings)?),
+        false => None,
+    };
+    let (drawing, unit) = match &noisy {
+        Some(noisy) => (noisy.consistent.exact_views()?, noisy.unit),
+        None => read(job, &mut warnings)?,
+    };
     progress.check("searching", 0.1)?;
-    let found = solve(&drawing)?;
+    let found = solve(&drawing).map_err(|e| match &noisy {
+        Some(noisy) => noisy.explain(e),
+        None => e,
+    })?;
+    let geometry = match (&noisy, found.solutions.first()) {
+        (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
+        _ => None,
+    };
     if !found.complete {
         warnings.push(format!(
             "there may be more solids than the {} that were looked at: a further view or hidden lines would tell them apart",
@@ -120,7 +149,8 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
     for (index, solution) in found.solutions.iter().enumerate() {
         progress.check(crate::progress::WRITING_STAGE, 0.9)?;
         let mut file = None;
-        for output in job.outputs.iter().filter(|_| index == 0 || job.all) {
+        let solids = job.outputs.iter().filter(|output| extension(output) != "json");
+        for output in solids.filter(|_| index == 0 || job.all) {
             let path = if job.all {
                 numbered(output, index + 1)
             } else {
@@ -139,8 +169,9 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
             cost: solution.cost,
         });
     }
-    Ok(SolidReport {
+    let mut report = SolidReport {
         solutions,
+        geometry,
         complete: found.complete,
         unexplained: found
             .unexplained
@@ -154,7 +185,28 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
         warnings,
         unit,
         written,
-    })
+    };
+    if let Some(noisy) = &noisy {
+        for path in &job.graphs {
+            write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.warnings)?.as_ref())?;
+            report.written.push(path.clone());
+        }
+        for path in job.outputs.iter().filter(|output| extension(output) == "json") {
+            noisy::write_json(path, &report)?;
+            report.written.push(path.clone());
+        }
+    }
+    Ok(report)
+}
+
+/// Which views the files are.
+fn kinds(job: &SolidJob) -> Vec<ViewKind> {
+    job.kinds.clone().unwrap_or_else(|| ViewKind::ALL.to_vec())
+}
+
+/// Whether the views are contours with their covariance.
+fn is_contours(job: &SolidJob) -> bool {
+    job.views.iter().any(|view| extension(view) == "json")
 }
 
 fn options(output: &Path, unit: Unit) -> StepOptions {
@@ -190,10 +242,46 @@ fn plan(job: &SolidJob) -> Result<()> {
             job.views.len()
         )));
     }
+    if let Some(kinds) = &job.kinds {
+        let repeated = kinds.iter().enumerate().find(|(i, kind)| kinds[..*i].contains(kind));
+        if kinds.len() != job.views.len() || repeated.is_some() {
+            let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+            return Err(Error::input(format!(
+                "needed one name for each of the {} views, each once, found {}",
+                job.views.len(),
+                names.join(",")
+            )));
+        }
+    }
+    if let Some(drawn) = job.views.iter().find(|view| extension(view) != "json")
+        && is_contours(job)
+    {
+        return Err(Error::input(format!(
+            "{}: is no contour (.json), as other views are: needed all views of one sort, for an exact drawing has no σ to match by",
+            drawn.display()
+        )));
+    }
+    for graphs in &job.graphs {
+        if !is_contours(job) {
+            return Err(Error::input(format!(
+                "{}: graphs are made of contours with their covariance (.json), not of drawings",
+                graphs.display()
+            )));
+        }
+        check_graphs_name(graphs)?;
+        refuse_input_as_output(graphs, &job.views)?;
+        check_writable(graphs)?;
+    }
     for output in &job.outputs {
-        if !matches!(extension(output).as_str(), "step" | "stp") {
+        let may_be_json = is_contours(job) && extension(output) == "json";
+        if !may_be_json && !matches!(extension(output).as_str(), "step" | "stp") {
+            let json = if is_contours(job) {
+                ", what is known of their sizes as .json"
+            } else {
+                ""
+            };
             return Err(Error::unsupported(format!(
-                "{}: solids are written as .step or .stp",
+                "{}: solids are written as .step or .stp{json}",
                 output.display()
             )));
         }
@@ -206,7 +294,7 @@ fn plan(job: &SolidJob) -> Result<()> {
 fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
     let mut drawing = Drawing::default();
     let mut unit = None;
-    for (path, kind) in job.views.iter().zip(ViewKind::ALL) {
+    for (path, kind) in job.views.iter().zip(kinds(job)) {
         let found = read_dxf(path)?;
         let name = path.display();
         if found.curves.is_empty() {

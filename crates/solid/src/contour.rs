@@ -28,6 +28,7 @@ mod simulated;
 mod start;
 
 pub use choose::{Alternative, Choice, auto_kinds, choose};
+pub(crate) use curve::arc_circle;
 pub use fit::{ContourFit, FitOptions, Method, bound, fit};
 pub use kind::{Kind, Outline};
 pub use parts::{contains, separate};

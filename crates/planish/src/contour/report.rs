@@ -1,6 +1,7 @@
 //! What is said of contours: the keys of `contour.json`.
 
 use super::Part;
+use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
 use planish_exchange::Unit;
@@ -55,6 +56,9 @@ pub struct PartReport {
     pub level: Option<f64>,
     /// The part, by its place in `contours`, in which this one lies: this is a hole of it.
     pub hole_of: Option<usize>,
+    /// Of a line, the ends of what was seen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ends: Option<[[f64; 2]; 2]>,
 }
 
 /// All contours of a file; the keys of the largest stand at the top.
@@ -67,6 +71,9 @@ pub struct ContourReport {
     pub contours: Vec<PartReport>,
     /// What the levels make together, where there are several.
     pub levels: Option<LevelRelation>,
+    /// What holds between the contours, and the contours with that imposed, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub constrained: Option<ConstrainedReport>,
     /// Unit of lengths.
     #[serde(serialize_with = "unit_name")]
     pub unit: Option<Unit>,
@@ -81,7 +88,10 @@ fn unit_name<S: serde::Serializer>(unit: &Option<Unit>, serializer: S) -> Result
     unit.map(Unit::name).serialize(serializer)
 }
 
-fn as_map<S: serde::Serializer>(values: &[(String, ReportedValue)], serializer: S) -> Result<S::Ok, S::Error> {
+pub(super) fn as_map<S: serde::Serializer>(
+    values: &[(String, ReportedValue)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     let mut map = serializer.serialize_map(Some(values.len()))?;
     for (name, value) in values {
         map.serialize_entry(name, value)?;
@@ -119,10 +129,11 @@ pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64
 pub(super) fn report(
     read: &ContourReadings,
     parts: &[Part],
+    seen: &[Option<[[f64; 2]; 2]>],
     unit: Option<Unit>,
     mut warnings: Vec<String>,
 ) -> ContourReport {
-    let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, i)).collect();
+    let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, seen, i)).collect();
     for (i, part) in contours.iter().enumerate() {
         let name = format!("contour {} ({}, {} readings)", i + 1, part.kind, part.readings);
         if part.bic_margin.is_some_and(|margin| margin < 6.0) {
@@ -142,6 +153,7 @@ pub(super) fn report(
     ContourReport {
         main: contours[0].clone(),
         levels: relation(parts),
+        constrained: None,
         contours,
         unit,
         left_out: read.left_out,
@@ -149,7 +161,7 @@ pub(super) fn report(
     }
 }
 
-fn part_report(parts: &[Part], index: usize) -> PartReport {
+fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> PartReport {
     let part = &parts[index];
     let fit = &part.choice.fit;
     let (order, values, covariance) = canonical(fit);
@@ -184,6 +196,7 @@ fn part_report(parts: &[Part], index: usize) -> PartReport {
         reduced_chi_square: fit.reduced_chi_square(),
         level: part.level,
         hole_of: hole_of(parts, index),
+        ends: seen[index],
     }
 }
 

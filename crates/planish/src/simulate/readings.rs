@@ -83,18 +83,9 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
         }
     }
     let sensor = SensorOptions {
-        standoff: 300.0 * millimetre,
-        sigma: [
-            2.0 * millimetre * options.noise,
-            2.0 * millimetre * options.noise,
-            2f64.to_radians() * options.noise,
-            0.0,
-        ],
-        sigma_range_share: 0.01 * options.noise,
-        sweep: options.sweep.max(1),
         outlier_share: options.outlier_share,
         velocity: options.velocity,
-        rate_hz: 100.0,
+        ..usual_sensor(options.noise, options.sweep, millimetre)
     };
     let middle = if options.kind == Kind::Polygon(6) {
         [0.0; 2]
@@ -106,14 +97,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
     write_table(&paths[0], &made.noisy)?;
     write_table(&paths[1], &made.exact)?;
-    let (canonical, _) = options.kind.canonical(&theta);
-    let parameters: serde_json::Map<String, serde_json::Value> = options
-        .kind
-        .names()
-        .into_iter()
-        .zip(canonical)
-        .map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 })))
-        .collect();
+    let parameters = named(&options.kind, &theta);
     let [vx, vy, turn] = options.velocity;
     let truth = json!({
         "kind": options.kind.to_string(),
@@ -129,7 +113,34 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     })
 }
 
-fn write_table(path: &Path, sightings: &[Sighting]) -> Result<()> {
+/// A sensor 300 mm away that knows its place to 2 mm and its heading to 2°, and reads to 1 %, all times `noise`.
+pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorOptions {
+    SensorOptions {
+        standoff: 300.0 * millimetre,
+        sigma: [
+            2.0 * millimetre * noise,
+            2.0 * millimetre * noise,
+            2f64.to_radians() * noise,
+            0.0,
+        ],
+        sigma_range_share: 0.01 * noise,
+        sweep: sweep.max(1),
+        outlier_share: 0.0,
+        velocity: [0.0; 3],
+        rate_hz: 100.0,
+    }
+}
+
+/// True parameters as contour.json has them.
+pub(super) fn named(kind: &Kind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
+    let (canonical, _) = kind.canonical(theta);
+    let names = kind.names().into_iter().zip(canonical);
+    names
+        .map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 })))
+        .collect()
+}
+
+pub(super) fn write_table(path: &Path, sightings: &[Sighting]) -> Result<()> {
     write_atomically(path, |out| {
         writeln!(out, "{}", COLUMNS[..WRITTEN_COLUMNS].join(","))?;
         for (i, sighting) in sightings.iter().enumerate() {

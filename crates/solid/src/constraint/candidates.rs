@@ -1,6 +1,6 @@
 //! Which relations a drawing could obey, and within what range they would lie by chance.
 
-use super::drawing::{BarId, CircleId, Drawing};
+use super::drawing::{BarId, CircleId, Drawing, PointId};
 use super::relation::Constraint;
 use std::f64::consts::PI;
 
@@ -17,7 +17,8 @@ pub struct Candidate {
 /// All relations that may be proposed for a drawing.
 ///
 /// Of every bar: horizontal, vertical. Of two bars: parallel, perpendicular, equally long. Of two circles: concentric,
-/// equal radii, tangent from outside and inside. Of a bar and a circle: tangent. Of two points and an axis: symmetric.
+/// equal radii, tangent from outside and inside. Of a bar and a circle: tangent; of an
+/// arc and a bar that meet: tangent there. Of two points and an axis: symmetric.
 /// Distances are no candidates; [`snap`](crate::constraint::snap) proposes those.
 #[must_use]
 pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
@@ -37,9 +38,15 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
                 add(Constraint::EqualLength { a, b }, length.max(drawing.length(b)));
             }
         }
-        for &circle in &circles {
+        for &circle in circles.iter().filter(|&&circle| !meets_arc(drawing, a, circle)) {
             let left = is_left(drawing, circle, a);
             add(Constraint::Tangent { bar: a, circle, left }, extent);
+        }
+    }
+    for (circle, start, end) in drawing.arcs() {
+        for (bar, point) in bars_at(drawing, [start, end]) {
+            let range = PI * drawing.radius(circle);
+            add(Constraint::TangentAt { bar, circle, point }, range);
         }
     }
     for (i, &a) in circles.iter().enumerate() {
@@ -65,7 +72,20 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
     found
 }
 
-fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
+/// Bars that end at one of two points, with that point.
+fn bars_at(drawing: &Drawing, points: [PointId; 2]) -> impl Iterator<Item = (BarId, PointId)> {
+    let pairs = drawing.bars().flat_map(move |bar| points.map(|point| (bar, point)));
+    pairs.filter(|&(bar, point)| drawing.ends(bar).contains(&point))
+}
+
+/// Whether a bar goes on as an arc of a circle: then it may touch the circle only where they meet.
+fn meets_arc(drawing: &Drawing, bar: BarId, circle: CircleId) -> bool {
+    let mut arcs = drawing.arcs().filter(|arc| arc.0 == circle);
+    arcs.any(|(_, start, end)| drawing.ends(bar).iter().any(|&point| point == start || point == end))
+}
+
+/// Whether a circle's centre lies to the left of a bar.
+pub(super) fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
     let offset = Constraint::PointLineDistance {
         point: drawing.centre(circle),
         bar,
@@ -75,7 +95,7 @@ fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
 }
 
 /// Whether two circles are nearer to touching from inside than from outside.
-fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
+pub(super) fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
     let gap = |inside| {
         Constraint::TangentCircles { a, b, inside }.equations(drawing, drawing.values().as_slice())[0]
             .residual

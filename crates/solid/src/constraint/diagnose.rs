@@ -129,6 +129,58 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
     })
 }
 
+/// Of relations that a drawing obeys anyway, those that follow from constraints, each with the smallest set it follows
+/// from.
+///
+/// Judged at the drawing, which must obey all of them: the gradient of one that follows is a combination of theirs, and
+/// the combination names the set. `constraint` counts the relations, `with` the constraints. Cost: `(m + r) m n` for
+/// `r` relations.
+///
+/// # Errors
+/// `Input` when one names a part that is not there.
+///
+/// # Examples
+/// ```
+/// use planish_solid::constraint::{BarId, Constraint, Drawing, implications};
+///
+/// let plate = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
+/// let [bottom, right, top] = [0, 1, 2].map(BarId);
+/// let known = [Constraint::Horizontal { bar: bottom }, Constraint::Vertical { bar: right }, Constraint::Horizontal { bar: top }];
+/// let found = implications(&plate, &known, &[Constraint::Parallel { a: bottom, b: top }])?;
+/// assert_eq!((found[0].constraint, found[0].with.as_slice()), (0, [0, 2].as_slice()));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn implications(
+    drawing: &Drawing,
+    constraints: &[Constraint],
+    relations: &[Constraint],
+) -> Result<Vec<Dependence>> {
+    let all: Vec<Constraint> = constraints.iter().chain(relations).copied().collect();
+    all.iter()
+        .try_for_each(|constraint| constraint.require_parts(drawing))?;
+    let equations = ConstraintEquations::new(drawing, &all);
+    let (_, mut jacobian) = equations.residuals_and_jacobian(&drawing.values());
+    // One without a value where the drawing is follows from nothing.
+    for mut row in jacobian.row_iter_mut() {
+        if row.iter().any(|slope| !slope.is_finite()) {
+            row.fill(0.0);
+        }
+    }
+    let owners = equations.owners();
+    let numbers: Vec<usize> = (0..all.len()).collect();
+    let mut found = redundancies(&ranked(&jacobian), &owners, &numbers);
+    found.retain(|dependence| {
+        dependence.constraint >= constraints.len()
+            && dependence.equations == all[dependence.constraint].equation_count()
+            && !dependence.with.is_empty()
+            && dependence.with.iter().all(|&other| other < constraints.len())
+    });
+    for dependence in &mut found {
+        dependence.constraint -= constraints.len();
+    }
+    Ok(found)
+}
+
 /// A configuration in general position that obeys every relation of a drawing, whatever its dimensions.
 ///
 /// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …) are

@@ -25,6 +25,37 @@ pub struct CircleId(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ArcId(pub u32);
 
+/// Numbers of points, bars and circles: of a drawing, or before one that was put behind others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Offset {
+    /// Points.
+    pub points: u32,
+    /// Bars.
+    pub bars: u32,
+    /// Circles.
+    pub circles: u32,
+}
+
+impl Offset {
+    /// A point's number in the whole.
+    #[must_use]
+    pub fn point(self, point: PointId) -> PointId {
+        PointId(point.0 + self.points)
+    }
+
+    /// A bar's number in the whole.
+    #[must_use]
+    pub fn bar(self, bar: BarId) -> BarId {
+        BarId(bar.0 + self.bars)
+    }
+
+    /// A circle's number in the whole.
+    #[must_use]
+    pub fn circle(self, circle: CircleId) -> CircleId {
+        CircleId(circle.0 + self.circles)
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Bar {
     start: PointId,
@@ -66,8 +97,10 @@ pub struct Drawing {
     values: Vec<f64>,
     names: Vec<String>,
     points: Vec<usize>,
+    point_names: Vec<String>,
     bars: Vec<Bar>,
     circles: Vec<Circle>,
+    circle_names: Vec<String>,
     arcs: Vec<Arc>,
 }
 
@@ -111,6 +144,7 @@ impl Drawing {
     pub fn point(&mut self, position: [f64; 2]) -> PointId {
         let number = self.points.len() + 1;
         self.points.push(self.values.len());
+        self.point_names.push(format!("P{number}"));
         self.values.extend(position);
         self.names.extend([format!("x{number}"), format!("y{number}")]);
         PointId(number as u32 - 1)
@@ -125,9 +159,9 @@ impl Drawing {
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
         if !(length > 0.0 && length.is_finite()) {
             return Err(Error::input(format!(
-                "a bar from point {} {a:?} to point {} {b:?} has no direction: give it two different, finite ends",
-                start.0 + 1,
-                end.0 + 1
+                "a bar from {} {a:?} to {} {b:?} has no direction: give it two different, finite ends",
+                self.point_name(start),
+                self.point_name(end)
             )));
         }
         self.bars.push(Bar {
@@ -164,6 +198,7 @@ impl Drawing {
             centre,
             radius: self.values.len(),
         });
+        self.circle_names.push(format!("circle {number}"));
         self.values.push(radius);
         self.names.push(format!("r{number}"));
         Ok(CircleId(number as u32 - 1))
@@ -173,6 +208,57 @@ impl Drawing {
     pub fn arc(&mut self, circle: CircleId, start: PointId, end: PointId) -> ArcId {
         self.arcs.push(Arc { circle, start, end });
         ArcId(self.arcs.len() as u32 - 1)
+    }
+
+    /// Adds all of another drawing behind what is there, such as another contour or another view.
+    ///
+    /// Parameters keep their order, so that the covariance of both is made of the two blocks. Names get the prefix, or
+    /// go on counting where there is none. By how much numbers of parts grow comes back.
+    pub fn append(&mut self, other: &Self, prefix: Option<&str>) -> Offset {
+        let offset = self.counts();
+        let first = self.values.len();
+        self.values.extend(&other.values);
+        self.points.extend(other.points.iter().map(|x| first + x));
+        let (mut names, mut point_names, mut circle_names) = (
+            other.names.clone(),
+            other.point_names.clone(),
+            other.circle_names.clone(),
+        );
+        if let Some(prefix) = prefix {
+            for name in names.iter_mut().chain(&mut point_names).chain(&mut circle_names) {
+                name.insert_str(0, prefix);
+            }
+        } else {
+            for (i, &x) in other.points.iter().enumerate() {
+                let number = offset.points as usize + i + 1;
+                point_names[i] = format!("P{number}");
+                names[x] = format!("x{number}");
+                names[x + 1] = format!("y{number}");
+            }
+            for (i, circle) in other.circles.iter().enumerate() {
+                let number = offset.circles as usize + i + 1;
+                circle_names[i] = format!("circle {number}");
+                names[circle.radius] = format!("r{number}");
+            }
+        }
+        self.names.append(&mut names);
+        self.point_names.append(&mut point_names);
+        self.circle_names.append(&mut circle_names);
+        self.bars.extend(other.bars.iter().map(|bar| Bar {
+            start: offset.point(bar.start),
+            end: offset.point(bar.end),
+            axis: bar.axis,
+        }));
+        self.circles.extend(other.circles.iter().map(|circle| Circle {
+            centre: offset.point(circle.centre),
+            radius: first + circle.radius,
+        }));
+        self.arcs.extend(other.arcs.iter().map(|arc| Arc {
+            circle: offset.circle(arc.circle),
+            start: offset.point(arc.start),
+            end: offset.point(arc.end),
+        }));
+        offset
     }
 
     /// That both ends of an arc lie on its circle.
@@ -186,6 +272,11 @@ impl Drawing {
     #[must_use]
     pub fn values(&self) -> DVector<f64> {
         DVector::from_column_slice(&self.values)
+    }
+
+    /// The parameters in place.
+    pub(crate) fn raw_values(&self) -> &[f64] {
+        &self.values
     }
 
     /// The same drawing with other parameters.
@@ -203,6 +294,16 @@ impl Drawing {
         let mut moved = self.clone();
         moved.values.copy_from_slice(values.as_slice());
         Ok(moved)
+    }
+
+    /// How many points, bars and circles there are.
+    #[must_use]
+    pub fn counts(&self) -> Offset {
+        Offset {
+            points: self.points.len() as u32,
+            bars: self.bars.len() as u32,
+            circles: self.circles.len() as u32,
+        }
     }
 
     /// How many parameters there are.
@@ -233,6 +334,11 @@ impl Drawing {
     /// Every circle.
     pub fn circles(&self) -> impl Iterator<Item = CircleId> + use<> {
         (0..self.circles.len() as u32).map(CircleId)
+    }
+
+    /// Every arc: its circle, the point where it starts, and the one where it ends, counter-clockwise.
+    pub fn arcs(&self) -> impl Iterator<Item = (CircleId, PointId, PointId)> {
+        self.arcs.iter().map(|arc| (arc.circle, arc.start, arc.end))
     }
 
     /// Where a point is.
@@ -311,11 +417,42 @@ impl Drawing {
         self.values[self.radius_parameter(circle)]
     }
 
-    /// A bar as text, such as `P1P2`.
+    /// What a point is called, such as `P1`; `front P1` where views were put together.
+    ///
+    /// # Panics
+    /// When it is of another drawing.
+    #[must_use]
+    pub fn point_name(&self, point: PointId) -> &str {
+        &self.point_names[point.0 as usize]
+    }
+
+    /// What a circle is called, such as `circle 1`.
+    ///
+    /// # Panics
+    /// When it is of another drawing.
+    #[must_use]
+    pub fn circle_name(&self, circle: CircleId) -> &str {
+        &self.circle_names[circle.0 as usize]
+    }
+
+    /// A bar as text, such as `P1P2`; `front P1P2` where views were put together.
     #[must_use]
     pub fn bar_name(&self, bar: BarId) -> String {
         let [a, b] = self.ends(bar);
-        format!("P{}P{}", a.0 + 1, b.0 + 1)
+        self.pair_name(a, b)
+    }
+
+    /// Two points as text, as [`Self::bar_name`].
+    #[must_use]
+    pub fn pair_name(&self, a: PointId, b: PointId) -> String {
+        let [a, b] = [a, b].map(|point| self.point_name(point));
+        // A prefix that both share is said once.
+        let number = b.rfind('P').unwrap_or(0);
+        if a.get(..number) == b.get(..number) {
+            format!("{a}{}", &b[number..])
+        } else {
+            format!("{a} {b}")
+        }
     }
 
     /// The diagonal of the box around all points and circles; 1 for a drawing without extent.

@@ -104,6 +104,17 @@ impl<'a> ConstraintEquations<'a> {
         self.rows.iter().map(|&row| all[row].clone()).collect()
     }
 
+    /// The scaled residuals alone.
+    #[must_use]
+    pub(crate) fn residuals(&self, x: &DVector<f64>) -> DVector<f64> {
+        let equations = self.at(x.as_slice());
+        let scaled = equations.iter().map(|equation| {
+            let factor = if equation.is_length { 1.0 / self.scale } else { 1.0 };
+            factor * equation.residual
+        });
+        DVector::from_iterator(self.len(), scaled)
+    }
+
     /// The scaled residuals and their Jacobian, equations × parameters.
     #[must_use]
     pub fn residuals_and_jacobian(&self, x: &DVector<f64>) -> (DVector<f64>, DMatrix<f64>) {

@@ -3,29 +3,31 @@
 use super::candidates::Candidate;
 use super::drawing::Drawing;
 use super::draws::Draws;
-use super::equations::Equation;
-use super::impose::{KNOWN, chi_square_bound, chi_square_tail, square_root};
-use super::rank::row_rank;
+use super::equations::{ConstraintEquations, Equation};
+use super::impose::{Imposed, KNOWN, chi_square_bound, chi_square_tail, square_root};
 use super::relation::Constraint;
 use super::solve::solve;
-use nalgebra::{DMatrix, DVector};
-use planish_estimate::{Result, normalized_squared};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::{PI, TAU};
 
 /// An estimate, and drawings that it could as well be.
 pub(super) struct State {
     drawing: Drawing,
-    /// `L` with `L Lᵀ` the covariance.
-    root: DMatrix<f64>,
+    covariance: DMatrix<f64>,
     /// Steps from the estimate by its covariance, and where they lead when what was imposed is restored.
     others: Vec<(DVector<f64>, DVector<f64>)>,
 }
 
 /// Enough to tell the size of what is not linear.
-const OTHERS: u64 = 8;
+const OTHERS: u64 = 16;
 /// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear
 /// part but for the estimate's own deviations, both are of one size.
 const STRAIGHT: f64 = 0.01;
+/// Scaled residuals of a drawing at which constraints are restored, as `solve` leaves them.
+const RESTORED: f64 = 1e-12;
+const CHORD_STEPS: usize = 12;
+/// The smallest diagonal entry of a factor over the largest.
+const SOUND: f64 = 1e-6;
 /// A residual is zero below this share of its range.
 const ZERO: f64 = 1e-6;
 
@@ -34,23 +36,75 @@ impl State {
     pub(super) fn unconstrained(drawing: &Drawing, covariance: &DMatrix<f64>) -> Self {
         Self {
             drawing: drawing.clone(),
-            root: square_root(covariance),
+            covariance: covariance.clone(),
             others: Vec::new(),
         }
     }
 
     /// An estimate on which constraints were imposed.
-    pub(super) fn new(drawing: &Drawing, covariance: &DMatrix<f64>, imposed: &[Constraint]) -> Self {
-        let mut state = Self::unconstrained(drawing, covariance);
-        let values = drawing.values();
+    pub(super) fn new(estimate: &Imposed, imposed: &[Constraint]) -> Self {
+        let mut state = Self::unconstrained(&estimate.drawing, &estimate.covariance);
+        let values = estimate.drawing.values();
+        let root = square_root(&estimate.covariance);
+        let nearby = Nearby::new(&estimate.drawing, imposed);
         state.others = (0..OTHERS)
             .filter_map(|seed| {
-                let step = &state.root * Draws::new(seed).spread(values.len());
-                let moved = solve(&drawing.with_values(&(&values + &step)).ok()?, imposed);
-                moved.holds.then_some((step, moved.values))
+                let step = &root * Draws::new(seed).spread(values.len());
+                let moved = nearby.restored(&(&values + &step))?;
+                Some((step, moved))
             })
             .collect();
         state
+    }
+}
+
+/// Constraints that hold at a drawing, to be restored at drawings nearby.
+struct Nearby<'a> {
+    drawing: &'a Drawing,
+    imposed: &'a [Constraint],
+    equations: ConstraintEquations<'a>,
+    /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; none where they are not independent.
+    chord: Option<(DMatrix<f64>, Cholesky<f64, Dyn>)>,
+}
+
+impl<'a> Nearby<'a> {
+    fn new(drawing: &'a Drawing, imposed: &'a [Constraint]) -> Self {
+        let equations = ConstraintEquations::new(drawing, imposed);
+        let (_, jacobian) = equations.residuals_and_jacobian(&drawing.values());
+        let slopes = jacobian * drawing.extent();
+        let factor = Cholesky::new(&slopes * slopes.transpose());
+        // Of dependent equations, rounding may leave a factor of no use.
+        let sound = factor.filter(|factor| {
+            let diagonal = factor.l_dirty().diagonal();
+            diagonal.iter().all(|d| *d > SOUND * diagonal.amax())
+        });
+        Self {
+            drawing,
+            imposed,
+            equations,
+            chord: sound.map(|factor| (slopes, factor)),
+        }
+    }
+
+    /// A drawing that obeys the constraints: steps with the slopes of the first one, and where these do not lead there,
+    /// the search from anew.
+    fn restored(&self, values: &DVector<f64>) -> Option<DVector<f64>> {
+        let size = self.drawing.extent();
+        if let Some((slopes, factor)) = &self.chord {
+            let mut x = values.clone();
+            for _ in 0..CHORD_STEPS {
+                let residuals = self.equations.residuals(&x);
+                if residuals.is_empty() || residuals.amax() <= RESTORED {
+                    return Some(x);
+                }
+                if !residuals.iter().all(|r| r.is_finite()) {
+                    break;
+                }
+                x -= slopes.tr_mul(&factor.solve(&residuals)) * size;
+            }
+        }
+        let moved = solve(&self.drawing.with_values(values).ok()?, self.imposed);
+        moved.holds.then_some(moved.values)
     }
 }
 
@@ -66,8 +120,8 @@ pub(super) struct Test {
     pub(super) log_evidence: f64,
     /// Whether the residual is zero but for rounding.
     pub(super) holds: bool,
-    /// Whether the residual's spread is that of its linear part.
-    pub(super) is_linear: bool,
+    /// Whether it has a value at all.
+    pub(super) is_defined: bool,
 }
 
 impl Test {
@@ -80,7 +134,7 @@ impl Test {
             chance: 1.0,
             log_evidence: f64::NEG_INFINITY,
             holds: false,
-            is_linear: false,
+            is_defined: false,
         }
     }
 }
@@ -101,55 +155,69 @@ impl Level {
 }
 
 /// Tests a relation at a state; `reference` is the covariance before anything was imposed.
-pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: Level) -> Result<Test> {
+pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: Level) -> Test {
     let equations = candidate
         .constraint
-        .equations(&state.drawing, state.drawing.values().as_slice());
+        .equations(&state.drawing, state.drawing.raw_values());
     if !equations.iter().all(Equation::is_finite) {
-        return Ok(Test::undefined(equations.len()));
+        return Test::undefined(equations.len());
     }
-    let sizes: Vec<f64> = equations.iter().map(|equation| sigma(equation, reference)).collect();
-    let spreads = spreads(&equations, &state.root);
-    let rows = row_rank(&spreads, &sizes, KNOWN).independent;
-    let degrees = rows.len();
-    let mut found = Test {
-        chi_square: 0.0,
-        degrees,
-        p_value: 1.0,
-        chance: 0.0,
-        log_evidence: 0.0,
-        holds: equations
-            .iter()
-            .all(|equation| equation.residual.abs() <= ZERO * candidate.range),
-        is_linear: is_linear(candidate, state, &equations, &sizes),
+    let known: Vec<f64> = equations
+        .iter()
+        .map(|equation| KNOWN * sigma(equation, reference))
+        .collect();
+    let covariance = |a: &Equation, b: &Equation| -> f64 {
+        let rows = a.gradient.iter().map(|&(i, slope)| {
+            let row = b.gradient.iter().map(|&(j, other)| other * state.covariance[(i, j)]);
+            slope * row.sum::<f64>()
+        });
+        rows.sum()
     };
-    if degrees == 0 {
-        return Ok(found);
+    // χ² and the volume's square, equation after equation, each less what the one before it says.
+    let (mut chi_square, mut determinant, mut degrees) = (0.0, 1.0, 0);
+    let mut before: Option<(&Equation, f64)> = None;
+    for (equation, known) in equations.iter().zip(&known) {
+        let mut variance = covariance(equation, equation);
+        let mut residual = equation.residual;
+        if let Some((first, of_first)) = before {
+            let slope = covariance(first, equation) / of_first;
+            variance -= slope * slope * of_first;
+            residual -= slope * first.residual;
+        }
+        if variance > known * known {
+            chi_square += residual * residual / variance;
+            determinant *= variance;
+            degrees += 1;
+            before = before.or(Some((equation, variance)));
+        }
     }
-    let chosen = spreads.select_rows(&rows);
-    let residual = DVector::from_iterator(degrees, rows.iter().map(|&row| equations[row].residual));
-    let covariance = &chosen * chosen.transpose();
-    let volume = covariance.determinant().max(0.0).sqrt() / candidate.range.powi(degrees as i32);
+    let holds = equations
+        .iter()
+        .all(|equation| equation.residual.abs() <= ZERO * candidate.range);
+    if degrees == 0 {
+        return Test {
+            chi_square: 0.0,
+            degrees,
+            p_value: 1.0,
+            chance: 0.0,
+            log_evidence: 0.0,
+            holds,
+            is_defined: true,
+        };
+    }
+    let volume = determinant.sqrt() / candidate.range.powi(degrees as i32);
     let reach = level.bounds[degrees - 1].sqrt();
     // An interval, or an ellipse.
     let ball = if degrees == 1 { 2.0 } else { PI };
-    found.chi_square = normalized_squared(&residual, &covariance)?;
-    found.p_value = chi_square_tail(found.chi_square, degrees);
-    found.chance = ball * reach.powi(degrees as i32) * volume;
-    found.log_evidence = -volume.ln() - 0.5 * degrees as f64 * TAU.ln() - 0.5 * found.chi_square;
-    Ok(found)
-}
-
-/// `J L`, row by row: the covariance of the residuals is its product with its transpose.
-fn spreads(equations: &[Equation], root: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut spreads = DMatrix::zeros(equations.len(), root.ncols());
-    for (row, equation) in equations.iter().enumerate() {
-        for column in 0..root.ncols() {
-            let products = equation.gradient.iter().map(|&(i, slope)| slope * root[(i, column)]);
-            spreads[(row, column)] = products.sum();
-        }
+    Test {
+        chi_square,
+        degrees,
+        p_value: chi_square_tail(chi_square, degrees),
+        chance: ball * reach.powi(degrees as i32) * volume,
+        log_evidence: -volume.ln() - 0.5 * degrees as f64 * TAU.ln() - 0.5 * chi_square,
+        holds,
+        is_defined: true,
     }
-    spreads
 }
 
 /// σ of a residual if the parameters were independent.
@@ -162,8 +230,12 @@ fn sigma(equation: &Equation, covariance: &DMatrix<f64>) -> f64 {
     if sum > 0.0 { sum.sqrt() } else { 1.0 }
 }
 
-/// Whether what the linear part leaves unexplained at the other drawings is small against it, or rounding.
-fn is_linear(candidate: &Candidate, state: &State, equations: &[Equation], sizes: &[f64]) -> bool {
+/// Whether a relation's residual spreads as its linear part does: what that leaves unexplained at the other drawings is
+/// small against it, or rounding.
+pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatrix<f64>) -> bool {
+    let equations = candidate
+        .constraint
+        .equations(&state.drawing, state.drawing.raw_values());
     let mut linear = vec![0.0; equations.len()];
     let mut rest = vec![0.0; equations.len()];
     for (step, values) in &state.others {
@@ -175,5 +247,8 @@ fn is_linear(candidate: &Candidate, state: &State, equations: &[Equation], sizes
         }
     }
     let count = state.others.len() as f64;
-    (0..equations.len()).all(|row| rest[row] <= (STRAIGHT * linear[row]).max((ZERO * sizes[row]).powi(2) * count))
+    equations.iter().enumerate().all(|(row, equation)| {
+        let rounding = ZERO * sigma(equation, reference);
+        rest[row] <= (STRAIGHT * linear[row]).max(rounding * rounding * count)
+    })
 }

@@ -6,9 +6,10 @@
 
 use super::candidates::{Candidate, candidates};
 use super::drawing::Drawing;
-use super::evidence::{Level, State, Test, test};
-use super::impose::{Imposed, chi_square_tail, impose};
+use super::evidence::{Level, State, Test, is_linear, test};
+use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
+use super::quarrel::Linearised;
 use super::relation::Constraint;
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
@@ -68,7 +69,7 @@ pub struct Proposal {
     pub constraint: Constraint,
     /// The relation in words.
     pub text: String,
-    /// Its χ² under the estimate alone.
+    /// Its χ² under the estimate with what was given alone.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
@@ -112,11 +113,16 @@ fn as_rows<S: serde::Serializer>(matrix: &DMatrix<f64>, serializer: S) -> std::r
     serializer.collect_seq(matrix.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()))
 }
 
+/// Candidates whose evidence is less than the best one's by no more than this factor's logarithm are taken with it.
+const ALIKE: f64 = 1.0;
+
 /// The estimate, and what is imposed on it so far.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Search {
     pub(super) estimate: Drawing,
     pub(super) covariance: DMatrix<f64>,
+    /// [`square_root`] of it.
+    root: DMatrix<f64>,
     pub(super) options: ConstrainOptions,
     /// How many tests share the level.
     tests: usize,
@@ -128,14 +134,14 @@ pub(super) struct Search {
 
 /// Finds the relations that hold in a drawing, and imposes them.
 ///
-/// 1. Every one of the [`candidates`] is tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
+/// 1. What is given is imposed. Every one of the [`candidates`] is then tested alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability
 ///    that *any* true one is lost by `level`.
 /// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it holds, over that
-///    of a residual anywhere in its range. One whose window of acceptance covers more than `max_chance` of that range
+///    of a residual anywhere in its range; with it all that have nearly as much and depend on other parameters. One whose window of acceptance covers more than `max_chance` of that range
 ///    has to wait until others have made the estimate sharper, and is unclear in the end.
 /// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its share of the
 ///    level, or all of them fail the level together, it is refused, and the smallest set it quarrels with is named.
-///    Repeat from 2.
+///    Of several taken together that fail, the best is tried alone. Repeat from 2.
 ///
 /// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose variance is
 /// of second order has to wait too: near a rectangle, one pair of parallel sides leaves the others equal to first
@@ -163,6 +169,22 @@ pub(super) struct Search {
 /// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004, *Choosing
 /// consistent constraints for beautification of reverse engineered geometric models*.
 pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &ConstrainOptions) -> Result<Constrained> {
+    constrain_among(drawing, covariance, &candidates(drawing), options)
+}
+
+/// [`constrain`] among relations of the caller's choice; with none, what is given is imposed and nothing else.
+///
+/// # Errors
+/// As [`constrain`]; also when a candidate names a part that is not there.
+pub fn constrain_among(
+    drawing: &Drawing,
+    covariance: &DMatrix<f64>,
+    candidates: &[Candidate],
+    options: &ConstrainOptions,
+) -> Result<Constrained> {
+    candidates
+        .iter()
+        .try_for_each(|candidate| candidate.constraint.require_parts(drawing))?;
     for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
         if !(value > 0.0 && value < 1.0) {
             return Err(Error::input(format!(
@@ -170,23 +192,23 @@ pub fn constrain(drawing: &Drawing, covariance: &DMatrix<f64>, options: &Constra
             )));
         }
     }
-    let candidates = candidates(drawing);
     let given = impose(drawing, covariance, &options.given, options.sigma)?;
     let search = Search {
         estimate: drawing.clone(),
         covariance: covariance.clone(),
+        root: square_root(covariance),
         options: options.clone(),
         tests: candidates.len().max(1),
         share: Level::new(options.level / candidates.len().max(1) as f64),
         given: (given.chi_square, given.degrees),
     };
-    let mut proposals = search.single_tests(&candidates)?;
+    let mut proposals = search.single_tests(candidates, &given)?;
     let expected_by_chance = proposals
         .iter()
         .filter(|p| p.degrees > 0 && p.chance <= options.max_chance)
         .map(|p| p.chance)
         .sum();
-    let state = search.accept(&candidates, &mut proposals, given)?;
+    let state = search.accept(candidates, &mut proposals, given)?;
     Ok(Constrained {
         constraints: search.constraints(&proposals),
         freedoms: drawing.parameters() - state.degrees,
@@ -209,13 +231,13 @@ impl Constrained {
 }
 
 impl Search {
-    /// Tests every candidate under the estimate alone; those that Holm's procedure rejects are marked, all others
+    /// Tests every candidate under the estimate with what was given; those that Holm's procedure rejects are marked, all others
     /// unclear for now.
-    fn single_tests(&self, candidates: &[Candidate]) -> Result<Vec<Proposal>> {
+    fn single_tests(&self, candidates: &[Candidate], given: &Imposed) -> Result<Vec<Proposal>> {
         let mut proposals = Vec::with_capacity(candidates.len());
-        let alone = State::unconstrained(&self.estimate, &self.covariance);
+        let alone = State::unconstrained(&given.drawing, &given.covariance);
         for candidate in candidates {
-            let test = self.test(candidate, &alone)?;
+            let test = self.test(candidate, &alone);
             let known = if test.holds {
                 Outcome::Implied
             } else {
@@ -242,44 +264,89 @@ impl Search {
         Ok(proposals)
     }
 
-    /// Takes the best candidate again and again, until none is left that means anything.
+    /// Takes the best candidates again and again, until none is left that means anything.
     fn accept(&self, candidates: &[Candidate], proposals: &mut [Proposal], given: Imposed) -> Result<Imposed> {
         let mut state = given;
         loop {
-            let now = State::new(&state.drawing, &state.covariance, &self.constraints(proposals));
-            let mut best: Option<(usize, Test)> = None;
-            for i in 0..candidates.len() {
-                if proposals[i].outcome != Outcome::Unclear {
-                    continue;
-                }
-                let test = self.test(&candidates[i], &now)?;
-                proposals[i].chance = test.chance;
-                if !test.is_linear {
-                    continue;
-                }
-                if test.degrees == 0 && test.holds {
-                    proposals[i].outcome = Outcome::Implied;
-                } else if test.degrees == 0 {
-                    proposals[i].outcome = self.refusal(proposals, i);
-                } else if test.chance <= self.options.max_chance
-                    && best
-                        .as_ref()
-                        .is_none_or(|(_, known)| test.log_evidence > known.log_evidence)
-                {
-                    best = Some((i, test));
-                }
-            }
-            let Some((i, _)) = best else {
+            let now = State::new(&state, &self.constraints(proposals));
+            let best = self.best(candidates, proposals, &now, &state.drawing);
+            let Some(&first) = best.first() else {
                 return Ok(state);
             };
-            proposals[i].outcome = Outcome::Imposed;
-            match self.tried(&self.constraints(proposals), &state) {
-                Some(next) => state = next,
-                None => {
+            for &i in &best {
+                proposals[i].outcome = Outcome::Imposed;
+            }
+            let mut next = self.tried(&self.constraints(proposals), &state);
+            if next.is_none() && best.len() > 1 {
+                for &i in &best[1..] {
                     proposals[i].outcome = Outcome::Unclear;
-                    proposals[i].outcome = self.refusal(proposals, i);
+                }
+                next = self.tried(&self.constraints(proposals), &state);
+            }
+            match next {
+                Some(next) => {
+                    self.mark_implied(proposals, &next);
+                    state = next;
+                }
+                None => {
+                    proposals[first].outcome = Outcome::Unclear;
+                    proposals[first].outcome = self.refusal(proposals, first, &state.drawing);
                 }
             }
+        }
+    }
+
+    /// The candidate with the strongest evidence, and others with nearly as much that depend on other parameters; those
+    /// of which nothing is left are marked.
+    fn best(&self, candidates: &[Candidate], proposals: &mut [Proposal], now: &State, at: &Drawing) -> Vec<usize> {
+        let mut tests: Vec<(usize, Test)> = Vec::new();
+        for i in 0..candidates.len() {
+            if proposals[i].outcome != Outcome::Unclear {
+                continue;
+            }
+            let test = self.test(&candidates[i], now);
+            proposals[i].chance = test.chance;
+            if test.degrees > 0 {
+                if test.chance <= self.options.max_chance && test.is_defined {
+                    tests.push((i, test));
+                }
+            } else if is_linear(&candidates[i], now, &self.covariance) {
+                proposals[i].outcome = match test.holds {
+                    true => Outcome::Implied,
+                    false => self.refusal(proposals, i, at),
+                };
+            }
+        }
+        tests.sort_by(|a, b| b.1.log_evidence.total_cmp(&a.1.log_evidence).then(a.0.cmp(&b.0)));
+        let mut best: Vec<usize> = Vec::new();
+        let mut taken = vec![false; self.estimate.parameters()];
+        let mut least = f64::NEG_INFINITY;
+        for (i, test) in tests {
+            if test.log_evidence < least {
+                break;
+            }
+            let parameters = candidates[i].constraint.parameters(&self.estimate);
+            let is_apart = parameters.iter().all(|&parameter| !taken[parameter]);
+            let passes = best.is_empty() || test.p_value >= self.options.level / self.tests as f64;
+            if is_apart && passes && is_linear(&candidates[i], now, &self.covariance) {
+                if best.is_empty() {
+                    least = test.log_evidence - ALIKE;
+                }
+                parameters.iter().for_each(|&parameter| taken[parameter] = true);
+                best.push(i);
+            }
+        }
+        best
+    }
+
+    /// Of candidates that were taken together, those that the others left nothing to say.
+    fn mark_implied(&self, proposals: &mut [Proposal], next: &Imposed) {
+        let given = self.options.given.len();
+        let imposed: Vec<usize> = (0..proposals.len())
+            .filter(|&i| proposals[i].outcome == Outcome::Imposed)
+            .collect();
+        for &implied in next.implied.iter().filter(|&&implied| implied >= given) {
+            proposals[imposed[implied - given]].outcome = Outcome::Implied;
         }
     }
 
@@ -297,27 +364,57 @@ impl Search {
     /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and all pass
     /// it together.
     pub(super) fn tried(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
-        let next = impose(&self.estimate, &self.covariance, constraints, self.options.sigma).ok()?;
-        let added = chi_square_tail(
-            (next.chi_square - before.chi_square).max(0.0),
-            next.degrees.saturating_sub(before.degrees),
-        );
-        let joint = chi_square_tail(
-            (next.chi_square - self.given.0).max(0.0),
-            next.degrees.saturating_sub(self.given.1),
-        );
-        (added >= self.options.level / self.tests as f64 && joint >= self.options.level).then_some(next)
+        let start = Start {
+            root: &self.root,
+            near: Some(&before.drawing),
+        };
+        let next = impose_from(&self.estimate, &self.covariance, constraints, self.options.sigma, start).ok()?;
+        let passes = self.passes((before.chi_square, before.degrees), (next.chi_square, next.degrees));
+        passes.then_some(next)
     }
 
-    /// The smallest set of accepted proposals that a candidate cannot be accepted after.
-    fn refusal(&self, proposals: &[Proposal], candidate: usize) -> Outcome {
+    /// Whether what is added to a χ² with its degrees passes its share of the level, and all of it the level.
+    fn passes(&self, before: (f64, usize), after: (f64, usize)) -> bool {
+        let tail = |from: (f64, usize)| chi_square_tail((after.0 - from.0).max(0.0), after.1.saturating_sub(from.1));
+        tail(before) >= self.options.level / self.tests as f64 && tail(self.given) >= self.options.level
+    }
+
+    /// The smallest set of accepted proposals that a candidate cannot be accepted after: to first order where the accepted
+    /// ones hold, and only where that sees no quarrel with all equations anew.
+    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &Drawing) -> Outcome {
         let accepted: Vec<usize> = (0..proposals.len())
             .filter(|&i| proposals[i].outcome == Outcome::Imposed)
             .collect();
+        let given = self.options.given.len();
+        let mut all = self.options.given.clone();
+        all.extend(accepted.iter().map(|&i| proposals[i].constraint));
+        all.push(proposals[candidate].constraint);
+        let linear = Linearised::new(&self.estimate, at, &self.root, &self.covariance, &all);
+        let first_order = quick_xplain(accepted.len(), |chosen| {
+            let known = || (0..given).chain(chosen.iter().map(|&i| given + i));
+            let before = linear.cost(known());
+            let after = linear.cost(known().chain([all.len() - 1]));
+            self.passes((before.chi_square, before.degrees), (after.chi_square, after.degrees))
+        });
+        if !first_order.is_empty() {
+            return Outcome::Refused {
+                with: first_order.into_iter().map(|i| accepted[i]).collect(),
+            };
+        }
         let found = quick_xplain(accepted.len(), |chosen| {
             let mut constraints = self.options.given.clone();
             constraints.extend(chosen.iter().map(|&i| proposals[accepted[i]].constraint));
-            let before = impose(&self.estimate, &self.covariance, &constraints, self.options.sigma);
+            let start = Start {
+                root: &self.root,
+                near: None,
+            };
+            let before = impose_from(
+                &self.estimate,
+                &self.covariance,
+                &constraints,
+                self.options.sigma,
+                start,
+            );
             constraints.push(proposals[candidate].constraint);
             before.is_ok_and(|before| self.tried(&constraints, &before).is_some())
         });
@@ -326,7 +423,7 @@ impl Search {
         }
     }
 
-    pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Result<Test> {
+    pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Test {
         test(candidate, state, &self.covariance, self.share)
     }
 }

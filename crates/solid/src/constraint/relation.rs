@@ -9,12 +9,12 @@
 
 use super::drawing::{BarId, CircleId, Drawing, PointId};
 use super::equations::Equation;
-use planish_estimate::{Error, Result};
+use super::place::Place;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// An axis of the drawing's plane.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {
     /// The first coordinate.
@@ -166,6 +166,23 @@ pub enum Constraint {
         point: PointId,
         /// The circle.
         circle: CircleId,
+    },
+    /// A bar touches a circle at a point that is on both, such as where an arc goes on from a bar: the radius to the
+    /// point stands upright on the bar.
+    TangentAt {
+        /// The bar.
+        bar: BarId,
+        /// The circle.
+        circle: CircleId,
+        /// The point.
+        point: PointId,
+    },
+    /// Two coordinates are one, such as those of a corner in two views.
+    Aligned {
+        /// One.
+        a: Place,
+        /// The other.
+        b: Place,
     },
     /// A circle has a given radius.
     Radius {
@@ -388,11 +405,23 @@ impl Constraint {
             Self::Coincident { a, b } => return (0..2).map(|axis| difference(drawing, x, [a, b], axis)).collect(),
             Self::Symmetric { a, b, about } => {
                 new.add_offset(&[(a, 0.5), (b, 0.5)], about, 1.0);
-                return vec![new.plus(0.0), level(drawing, x, a, b, about)];
+                return vec![new.plus(0.0), along(drawing, x, [a, b], about)];
             }
             Self::PointOnCircle { point, circle } => {
                 new.add_distance(drawing.centre(circle), point, 1.0);
                 new.add_radius(circle, -1.0);
+                new.plus(0.0)
+            }
+            Self::TangentAt { bar, circle, point } => {
+                return vec![along(drawing, x, [drawing.centre(circle), point], bar)];
+            }
+            Self::Aligned { a, b } => {
+                for (place, factor) in [(a, -1.0), (b, 1.0)] {
+                    new.equation.residual += factor * place.value(drawing, x);
+                    for (parameter, slope) in place.terms(drawing) {
+                        new.parameter(parameter, factor * slope);
+                    }
+                }
                 new.plus(0.0)
             }
             Self::Radius { circle, value } => {
@@ -423,88 +452,6 @@ impl Constraint {
         }
         Some(read)
     }
-
-    /// Checks that a drawing has the parts it names, and that its value is a number.
-    ///
-    /// # Errors
-    /// `Input` when it does not.
-    pub fn require_parts(&self, drawing: &Drawing) -> Result<()> {
-        let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
-            Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
-            Self::PointLineDistance { point, bar, value } => (&[*point], &[*bar], &[], *value),
-            Self::Angle { from, to, radians } => (&[], &[*from, *to], &[], *radians),
-            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => {
-                (&[], &[*a, *b], &[], 0.0)
-            }
-            Self::Tangent { bar, circle, .. } => (&[], &[*bar], &[*circle], 0.0),
-            Self::TangentCircles { a, b, .. } | Self::Concentric { a, b } | Self::EqualRadius { a, b } => {
-                (&[], &[], &[*a, *b], 0.0)
-            }
-            Self::Symmetric { a, b, about } => (&[*a, *b], &[*about], &[], 0.0),
-            Self::Horizontal { bar } | Self::Vertical { bar } => (&[], &[*bar], &[], 0.0),
-            Self::Coordinate { point, value, .. } => (&[*point], &[], &[], *value),
-            Self::Anchor { point, at } => (&[*point], &[], &[], at[0] + at[1]),
-            Self::Coincident { a, b } => (&[*a, *b], &[], &[], 0.0),
-            Self::PointOnCircle { point, circle } => (&[*point], &[], &[*circle], 0.0),
-            Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
-        };
-        let count = [
-            drawing.points().count(),
-            drawing.bars().count(),
-            drawing.circles().count(),
-        ];
-        let missing = (points.iter().map(|p| ("point", p.0, count[0])))
-            .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
-            .chain(circles.iter().map(|c| ("circle", c.0, count[2])))
-            .find(|&(_, id, count)| id as usize >= count);
-        match missing {
-            Some((part, id, count)) => Err(Error::input(format!(
-                "a constraint names {part} {}, but the drawing has {count}",
-                id + 1
-            ))),
-            None if !value.is_finite() => Err(Error::input(format!(
-                "{} has no finite value: state one",
-                self.describe(drawing)
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// The constraint in words, such as `P1P2 parallel to P4P3`; points are counted from 1.
-    #[must_use]
-    pub fn describe(&self, drawing: &Drawing) -> String {
-        let bar = |bar: &BarId| drawing.bar_name(*bar);
-        let point = |point: &PointId| format!("P{}", point.0 + 1);
-        let circle = |circle: &CircleId| format!("circle {}", circle.0 + 1);
-        match self {
-            Self::Distance { a, b, value } => format!("{}{} is {value} long", point(a), point(b)),
-            Self::PointLineDistance {
-                point: p,
-                bar: b,
-                value,
-            } => format!("{} is {value} from {}", point(p), bar(b)),
-            Self::Angle { from, to, radians } => {
-                format!("{} to {} is {}°", bar(from), bar(to), radians.to_degrees())
-            }
-            Self::Parallel { a, b } => format!("{} parallel to {}", bar(a), bar(b)),
-            Self::Perpendicular { a, b } => format!("{} perpendicular to {}", bar(a), bar(b)),
-            Self::Tangent { bar: b, circle: c, .. } => format!("{} tangent to {}", bar(b), circle(c)),
-            Self::TangentCircles { a, b, .. } => format!("{} tangent to {}", circle(a), circle(b)),
-            Self::Concentric { a, b } => format!("{} concentric with {}", circle(a), circle(b)),
-            Self::EqualLength { a, b } => format!("{} as long as {}", bar(a), bar(b)),
-            Self::EqualRadius { a, b } => format!("{} has the radius of {}", circle(a), circle(b)),
-            Self::Symmetric { a, b, about } => format!("{} and {} symmetric about {}", point(a), point(b), bar(about)),
-            Self::Horizontal { bar: b } => format!("{} horizontal", bar(b)),
-            Self::Vertical { bar: b } => format!("{} vertical", bar(b)),
-            Self::Coordinate { point: p, axis, value } => {
-                format!("{}{} = {value}", if *axis == Axis::X { 'x' } else { 'y' }, p.0 + 1)
-            }
-            Self::Anchor { point: p, at } => format!("{} at ({}, {})", point(p), at[0], at[1]),
-            Self::Coincident { a, b } => format!("{} on {}", point(a), point(b)),
-            Self::PointOnCircle { point: p, circle: c } => format!("{} on {}", point(p), circle(c)),
-            Self::Radius { circle: c, value } => format!("{} has radius {value}", circle(c)),
-        }
-    }
 }
 
 /// An angle brought between −π and π.
@@ -532,7 +479,7 @@ fn coordinate(drawing: &Drawing, x: &[f64], point: PointId, axis: usize, value: 
 }
 
 /// `(b − a) · u` of a bar: how far two points are from lying straight across it.
-fn level(drawing: &Drawing, x: &[f64], a: PointId, b: PointId, bar: BarId) -> Equation {
+fn along(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], bar: BarId) -> Equation {
     let mut new = Builder::new(drawing, x);
     let line = new.line(bar);
     let across = new.between(a, b);

@@ -10,6 +10,7 @@ use super::evidence::State;
 use super::impose::{Imposed, chi_square_tail};
 use super::propose::Constrained;
 use super::relation::Constraint;
+use super::scheme::sigma as sigma_of;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
@@ -60,9 +61,9 @@ impl Dimension {
     fn describe(self, drawing: &Drawing) -> String {
         match self {
             Self::Length(bar) => format!("length of {}", drawing.bar_name(bar)),
-            Self::Diameter(circle) => format!("diameter of circle {}", circle.0 + 1),
-            Self::Distance(a, b) => format!("distance of P{} and P{}", a.0 + 1, b.0 + 1),
-            Self::Offset(point, bar) => format!("P{} to {}", point.0 + 1, drawing.bar_name(bar)),
+            Self::Diameter(circle) => format!("diameter of {}", drawing.circle_name(circle)),
+            Self::Distance(a, b) => format!("distance of {} and {}", drawing.point_name(a), drawing.point_name(b)),
+            Self::Offset(point, bar) => format!("{} to {}", drawing.point_name(point), drawing.bar_name(bar)),
         }
     }
 }
@@ -201,12 +202,12 @@ fn look_at(
         constraint: dimension.constraint(drawing, nearest),
         range: grid,
     };
-    let test = constrained.search.test(&candidate, now)?;
+    let test = constrained.search.test(&candidate, now);
     let away = (value - nearest).abs();
     let sigma = if test.degrees == 0 {
         0.0
     } else {
-        variance(&constraint, state).sqrt() * dimension.factor()
+        sigma_of(&constraint, drawing, &state.covariance) * dimension.factor()
     };
     let outcome = match (test.degrees, test.holds) {
         (0, true) => SnapOutcome::Implied,
@@ -224,15 +225,4 @@ fn look_at(
         p_value: test.p_value,
         outcome,
     })
-}
-
-fn variance(constraint: &Constraint, state: &Imposed) -> f64 {
-    let equation = &constraint.equations(&state.drawing, state.drawing.values().as_slice())[0];
-    let mut sum = 0.0;
-    for &(i, a) in &equation.gradient {
-        for &(j, b) in &equation.gradient {
-            sum += a * b * state.covariance[(i, j)];
-        }
-    }
-    sum.max(0.0)
 }

@@ -6,6 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::FRAC_PI_3;
 
+mod sentences;
+
 /// Two bars, two circles, an axis, all in general position.
 fn general() -> Drawing {
     let mut drawing = Drawing::default();
@@ -78,6 +80,22 @@ fn every_constraint() -> Vec<Constraint> {
         },
         Constraint::Coincident { a: p, b: r },
         Constraint::PointOnCircle { point: r, circle: d },
+        Constraint::TangentAt {
+            bar: a,
+            circle: d,
+            point: r,
+        },
+        Constraint::Aligned {
+            a: Place::Point {
+                point: p,
+                axis: Axis::Y,
+            },
+            b: Place::Extreme {
+                circle: d,
+                axis: Axis::X,
+                upper: false,
+            },
+        },
         Constraint::Radius { circle: d, value: 2.0 },
     ]
 }
@@ -163,6 +181,8 @@ fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
             Constraint::Anchor { .. } => (bx - 1.0).hypot(by - 2.0),
             Constraint::Coincident { .. } => (bx - dx).hypot(by - dy),
             Constraint::PointOnCircle { .. } => (dx - f[0]).hypot(dy - f[1]) - s,
+            Constraint::TangentAt { .. } => ((dx - f[0]) * u[0] + (dy - f[1]) * u[1]) / u[0].hypot(u[1]),
+            Constraint::Aligned { .. } => by - (f[0] - s),
             Constraint::Radius { .. } => s - 2.0,
         };
         assert!(is_zero.abs() < 1e-8, "{constraint:?}: {is_zero}");

@@ -1,5 +1,6 @@
 //! Parameters to start from, without a guess.
 
+mod hull;
 mod segments;
 
 use super::kind::Kind;
@@ -11,7 +12,8 @@ use segments::{Sequence, chain, polygon};
 /// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
 ///
 /// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, boxes by the least mean distance over all
-/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation.
+/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of three and four
+/// corners by the hull of the readings too.
 ///
 /// # Errors
 /// `Undetermined` when there are fewer readings than parameters.
@@ -43,7 +45,14 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
         }
         Kind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
         Kind::RegularPolygon(sides) => regular(&points, *sides),
-        Kind::Polygon(count) => polygon(&Sequence::closed(sightings), *count).into_iter().collect(),
+        Kind::Polygon(count) => {
+            let mut found: Vec<Vec<f64>> = polygon(&Sequence::closed(sightings), *count).into_iter().collect();
+            // Sharp corners belong to polygons of few corners.
+            if *count <= 4 {
+                found.extend(hull::polygon(&points, *count));
+            }
+            found
+        }
         Kind::Chain { .. } => Vec::new(),
     })
 }

@@ -229,3 +229,28 @@ fn wild_readings_are_left_out() {
     let left_out = found.used.iter().filter(|used| !**used).count();
     assert!((15..=45).contains(&left_out), "{left_out}");
 }
+
+#[test]
+fn triangles_with_sharp_corners_are_found() {
+    let truth = [0.0, 0.0, 80.0, 0.0, 0.0, 60.0];
+    let options = SensorOptions {
+        standoff: 300.0,
+        sigma: [0.2, 0.2, 0.2_f64.to_radians(), 0.0],
+        sigma_range_share: 0.001,
+        sweep: 1,
+        outlier_share: 0.0,
+        velocity: [0.0; 3],
+        rate_hz: 100.0,
+    };
+    for seed in 0..40 {
+        let made = ranges(&Kind::Polygon(3), &truth, [40.0, 30.0], 300, &options, seed);
+        let found = fit(&Kind::Polygon(3), &made.noisy, &FitOptions::default());
+        let found = found.unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        let (theta, _) = found.kind.canonical(found.state.as_slice());
+        let near = |p: &[f64]| {
+            let off = truth.chunks(2).map(|t| (t[0] - p[0]).hypot(t[1] - p[1]));
+            off.fold(f64::INFINITY, f64::min)
+        };
+        assert!(theta.chunks(2).all(|p| near(p) < 3.0), "seed {seed}: {theta:?}");
+    }
+}

@@ -1,0 +1,234 @@
+//! `contour.json`: contours with their covariance, and what holds between them, in.
+//!
+//! Comes in: what `planish contour -o contour.json` writes; or `kind`, `parameters`, `order` and `covariance` alone. Goes
+//! out: kinds, parameters in radians and the file's unit, covariance, constraints. Not guaranteed: that the covariance is
+//! positive; estimators test that.
+
+use crate::source::read_text;
+use crate::unit::Unit;
+use nalgebra::DMatrix;
+use planish_estimate::{Error, Result};
+use planish_solid::constraint::Constraint;
+use planish_solid::contour::Kind;
+use planish_solid::sketch::EstimatedContour;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// More contours than this are not one view.
+const MOST_CONTOURS: usize = 200;
+/// More corners than this are not measured.
+const MOST_CORNERS: usize = 500;
+
+/// What a file of contours holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContourFile {
+    /// The contours as they were estimated.
+    pub contours: Vec<EstimatedContour>,
+    /// The contour, by its place, in which each one lies.
+    pub hole_of: Vec<Option<usize>>,
+    /// The level of each.
+    pub levels: Vec<Option<f64>>,
+    /// What was imposed on them beside their kinds, where `--constrain` or `--given` had been asked for.
+    pub constraints: Option<Vec<Constraint>>,
+    /// The unit of lengths, where it is named.
+    pub unit: Option<Unit>,
+}
+
+#[derive(Deserialize)]
+struct Written {
+    #[serde(flatten)]
+    main: Option<WrittenContour>,
+    contours: Option<Vec<WrittenContour>>,
+    constrained: Option<WrittenConstraints>,
+    unit: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct WrittenContour {
+    kind: String,
+    parameters: BTreeMap<String, WrittenValue>,
+    order: Vec<String>,
+    covariance: Vec<Vec<f64>>,
+    level: Option<f64>,
+    hole_of: Option<usize>,
+    ends: Option<[[f64; 2]; 2]>,
+}
+
+#[derive(Deserialize)]
+struct WrittenValue {
+    value: f64,
+}
+
+#[derive(Deserialize)]
+struct WrittenConstraints {
+    constraints: Vec<WrittenConstraint>,
+}
+
+#[derive(Deserialize)]
+struct WrittenConstraint {
+    from: String,
+    #[serde(flatten)]
+    constraint: Constraint,
+}
+
+/// Reads contours with their covariance.
+///
+/// # Errors
+/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON that holds none, a kind that is not known, and
+/// parameters or a covariance that do not fit it.
+pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
+    read_text(path)
+        .and_then(|text| parse(&text))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+fn parse(text: &str) -> Result<ContourFile> {
+    let needed =
+        "needed contours as `planish contour -o contour.json` writes them (kind, parameters, order, covariance)";
+    let written: Written =
+        serde_json::from_str(text).map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
+    let contours = match (written.contours, written.main) {
+        (Some(contours), _) if !contours.is_empty() => contours,
+        (_, Some(main)) => vec![main],
+        _ => return Err(Error::input(format!("{needed}, found none"))),
+    };
+    if contours.len() > MOST_CONTOURS {
+        return Err(Error::unsupported(format!(
+            "holds {} contours: {MOST_CONTOURS} at most are taken as one view",
+            contours.len()
+        )));
+    }
+    let estimates = contours.iter().enumerate().map(|(i, contour)| {
+        estimate(contour).map_err(|e| e.in_context(format!("contour {} ({})", i + 1, contour.kind)))
+    });
+    let unit = written.unit.as_deref().map(str::parse).transpose()?;
+    Ok(ContourFile {
+        contours: estimates.collect::<Result<_>>()?,
+        hole_of: contours.iter().map(|contour| contour.hole_of).collect(),
+        levels: contours.iter().map(|contour| contour.level).collect(),
+        constraints: written.constrained.map(|constrained| {
+            let own = constrained
+                .constraints
+                .into_iter()
+                .filter(|written| written.from != "kind");
+            own.map(|written| written.constraint).collect()
+        }),
+        unit,
+    })
+}
+
+fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
+    let kind = kind_of(&contour.kind, &contour.order)?;
+    let names = kind.names();
+    let count = names.len();
+    // A moving contour has its velocity behind the contour itself.
+    if contour.order.len() < count || contour.order.iter().zip(&names).any(|(order, (name, _))| order != name) {
+        let wanted: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(Error::input(format!(
+            "needed an order of {}, found {}",
+            wanted.join(" "),
+            contour.order.join(" ")
+        )));
+    }
+    let is_square = contour.covariance.iter().all(|row| row.len() == contour.order.len());
+    if contour.covariance.len() != contour.order.len() || !is_square {
+        return Err(Error::input(format!(
+            "needed a covariance of {0} × {0}, found {1} rows",
+            contour.order.len(),
+            contour.covariance.len()
+        )));
+    }
+    let values = names.iter().map(|(name, factor)| match contour.parameters.get(name) {
+        Some(written) => Ok(written.value / factor),
+        None => Err(Error::input(format!("needed the parameter `{name}`, found none"))),
+    });
+    Ok(EstimatedContour {
+        theta: values.collect::<Result<_>>()?,
+        covariance: DMatrix::from_fn(count, count, |i, j| {
+            // Halves of a rounded matrix differ in the last digit.
+            0.5 * (contour.covariance[i][j] + contour.covariance[j][i]) / (names[i].1 * names[j].1)
+        }),
+        kind,
+        seen: contour.ends,
+    })
+}
+
+/// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
+fn kind_of(name: &str, order: &[String]) -> Result<Kind> {
+    let counted = |prefix: &str| {
+        name.strip_prefix(prefix)
+            .and_then(|count| count.parse::<usize>().ok())
+            .filter(|count| (3..=MOST_CORNERS).contains(count))
+    };
+    Ok(match name {
+        "line" => Kind::Line,
+        "circle" => Kind::Circle,
+        "ellipse" => Kind::Ellipse,
+        "rectangle" => Kind::Rectangle,
+        "rounded-rectangle" => Kind::RoundedRectangle,
+        "slot" => Kind::Slot,
+        "chain" => {
+            let corners = order
+                .iter()
+                .filter(|name| name.starts_with('x'))
+                .count()
+                .min(MOST_CORNERS);
+            let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
+            Kind::Chain {
+                arcs: (0..corners).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
+                closed: true,
+            }
+        }
+        _ => match (counted("regular-polygon-"), counted("polygon-")) {
+            (Some(count), _) => Kind::RegularPolygon(count),
+            (None, Some(count)) => Kind::Polygon(count),
+            (None, None) => {
+                return Err(Error::input(format!(
+                    "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-N or chain"
+                )));
+            }
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CIRCLE: &str = r#"{ "kind": "circle", "order": ["center_x", "center_y", "radius"], "unit": "mm",
+        "parameters": { "center_x": { "value": 1 }, "center_y": { "value": 2 }, "radius": { "value": 3, "sigma": 0.2 } },
+        "covariance": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.04]] }"#;
+
+    #[test]
+    fn a_contour_alone_is_read() {
+        let file = parse(CIRCLE).unwrap();
+        assert_eq!(file.contours[0].theta, [1.0, 2.0, 3.0]);
+        assert_eq!(
+            (file.contours[0].covariance[(2, 2)], file.unit),
+            (0.04, Some(Unit::Millimetre))
+        );
+        assert!(file.constraints.is_none());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        for (from, to, says) in [
+            ("\"circle\"", "\"blob\"", "kind `blob`"),
+            ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
+            (
+                "\"circle\"",
+                "\"ellipse\"",
+                "needed an order of center_x center_y semi_major",
+            ),
+            ("[0, 0.01, 0], ", "", "needed a covariance of 3 × 3, found 2 rows"),
+            ("\"radius\": {", "\"size\": {", "needed the parameter `radius`"),
+            ("\"mm\"", "\"cubit\"", "unit `cubit`"),
+            ("\"kind\"", "\"sort\"", "found none"),
+            ("}", "", "needed contours as"),
+        ] {
+            let said = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
+            assert!(said.contains(says), "{from} → {to}: {said}");
+        }
+    }
+}

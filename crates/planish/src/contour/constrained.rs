@@ -1,0 +1,504 @@
+//! What holds between the contours of a file: found by tests, imposed, put on a grid, counted.
+//!
+//! Comes in: the fitted parts and what a user asks for. Goes out: a [`ConstrainedReport`], the contours with all of it
+//! imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its p-value is reported.
+
+use super::Part;
+use super::report::{ReportedValue, as_map, canonical};
+use crate::graphs::{GraphsOfView, NamedStructure};
+use crate::next::Length;
+use nalgebra::DMatrix;
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_solid::constraint::{
+    ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap, SnapOutcome,
+    chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications, impose, snap,
+};
+use planish_solid::contour::Kind;
+use planish_solid::sketch::{EstimatedContour, Sketch};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// What to find and impose.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ConstrainJob {
+    /// Whether relations are looked for at all.
+    pub propose: bool,
+    /// The probability with which true relations fail.
+    pub level: Option<f64>,
+    /// The grid on which sizes are put where the statistics allow.
+    pub snap: Option<Length>,
+    /// What is known beforehand, in words.
+    pub given: Vec<String>,
+    /// Files for the graphs: `.json`, `.dot`.
+    pub graphs: Vec<PathBuf>,
+}
+
+impl ConstrainJob {
+    /// Whether there is anything to do.
+    #[must_use]
+    pub fn is_asked_for(&self) -> bool {
+        self.propose || self.snap.is_some() || !self.given.is_empty() || !self.graphs.is_empty()
+    }
+}
+
+/// A contour that obeys the constraints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ConstrainedContour {
+    /// Its kind.
+    pub kind: String,
+    /// Parameters in the unit of the file, angles in degrees.
+    #[serde(serialize_with = "as_map")]
+    pub parameters: Vec<(String, ReportedValue)>,
+    /// Names in the order of the covariance.
+    pub order: Vec<String>,
+    /// Covariance of the parameters; singular along what is imposed.
+    pub covariance: Vec<Vec<f64>>,
+}
+
+/// A point of the drawing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedPoint {
+    /// What it is called in constraints.
+    pub name: String,
+    /// The contour, by its place in `contours`.
+    pub contour: usize,
+    /// Its place.
+    pub position: [f64; 2],
+    /// σ of both coordinates.
+    pub sigma: [f64; 2],
+}
+
+/// A bar or circle of the drawing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedSize {
+    /// What it is called in constraints.
+    pub name: String,
+    /// The contour, by its place in `contours`.
+    pub contour: usize,
+    /// Length or radius.
+    pub value: f64,
+    /// Its σ; zero where it is imposed.
+    pub sigma: f64,
+}
+
+/// A relation that was looked at.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedRelation {
+    /// In words.
+    pub text: String,
+    /// `imposed`, `implied`, `rejected`, `refused` or `unclear`.
+    pub outcome: &'static str,
+    /// Its χ² under the estimate.
+    pub chi_square: f64,
+    /// The degrees of freedom of that χ².
+    pub degrees: usize,
+    /// The probability of a χ² at least as large when the relation is true.
+    pub p_value: f64,
+    /// The share of its range in which it would have been accepted.
+    pub chance: f64,
+    /// Of an implied one, the smallest set it follows from; of a refused one, the smallest set it quarrels with.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub with: Vec<String>,
+}
+
+/// A constraint that was imposed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ImposedConstraint {
+    /// In words.
+    pub text: String,
+    /// Where it comes from: `kind` of a contour, `given` by the user, a `relation` that was found, a size on the `grid`.
+    pub from: &'static str,
+    /// The constraint.
+    #[serde(flatten)]
+    pub constraint: Constraint,
+}
+
+/// A constraint with others that it follows from or quarrels with.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ReportedDependence {
+    /// The constraint.
+    pub text: String,
+    /// The smallest set of others.
+    pub with: Vec<String>,
+}
+
+/// What is left free.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedFreedoms {
+    /// Parameters of the drawing.
+    pub parameters: usize,
+    /// Equations that were imposed.
+    pub equations: usize,
+    /// The rank of their Jacobian at a witness.
+    pub rank: usize,
+    /// The structural rank: the size of a maximum matching.
+    pub structural_rank: usize,
+    /// Parameters less rank.
+    pub free: usize,
+    /// How many of those are motions of the whole.
+    pub rigid_motions: usize,
+    /// Whether the witness is in general position.
+    pub is_generic: bool,
+}
+
+/// What holds between the contours of a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ConstrainedReport {
+    /// The contours, in the order of `contours` above.
+    pub contours: Vec<ConstrainedContour>,
+    /// Points of the drawing.
+    pub points: Vec<ReportedPoint>,
+    /// Bars with their lengths.
+    pub bars: Vec<ReportedSize>,
+    /// Circles with their radii.
+    pub circles: Vec<ReportedSize>,
+    /// Everything that was looked at.
+    pub relations: Vec<ReportedRelation>,
+    /// Sizes and the grid.
+    pub sizes: Vec<Snap>,
+    /// Everything that was imposed.
+    pub constraints: Vec<ImposedConstraint>,
+    /// The dimensions that, with the constraints, say all.
+    pub dimensions: Vec<Dimensioned>,
+    /// What all that cost the estimate.
+    pub chi_square: f64,
+    /// The degrees of freedom of that χ².
+    pub degrees: usize,
+    /// The probability of a χ² at least as large.
+    pub p_value: f64,
+    /// How many relations would be accepted of parts that have nothing to do with each other.
+    pub expected_by_chance: f64,
+    /// What is left free.
+    pub freedoms: ReportedFreedoms,
+    /// The parts of the structure.
+    pub structure: NamedStructure,
+    /// What follows from other constraints: given ones, and relations that were found to hold.
+    pub redundant: Vec<ReportedDependence>,
+    /// Relations that agree with the readings, but not together with others.
+    pub conflicting: Vec<ReportedDependence>,
+}
+
+/// The kind and parameters of a contour to draw.
+type DrawnKind = (Kind, Vec<f64>);
+
+/// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should know.
+pub(super) struct ConstrainedParts {
+    pub(super) report: ConstrainedReport,
+    pub(super) drawn: Vec<DrawnKind>,
+    pub(super) graphs: GraphsOfView,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Finds and imposes what holds between the parts.
+pub(super) fn constrained(
+    job: &ConstrainJob,
+    parts: &[Part],
+    seen: &[Option<[[f64; 2]; 2]>],
+    unit: Option<Unit>,
+) -> Result<ConstrainedParts> {
+    let contours: Vec<EstimatedContour> = parts
+        .iter()
+        .zip(seen)
+        .map(|(part, seen)| estimated(part, *seen))
+        .collect();
+    let sketch = Sketch::new(&contours)?;
+    let given = given(job, &sketch)?;
+    let mut options = ConstrainOptions {
+        given,
+        ..ConstrainOptions::default()
+    };
+    if let Some(level) = job.level {
+        options.level = level;
+    }
+    let mut warnings = Vec::new();
+    let held = impose(&sketch.drawing, &sketch.covariance, &options.given, 0.0)?;
+    // What makes a rectangle one costs the estimate of a rectangle nothing.
+    let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
+    let p_value = chi_square_tail(held.chi_square, held.degrees - own);
+    if p_value < options.level {
+        warnings.push(format!(
+            "what was given disagrees with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
+            held.chi_square,
+            held.degrees - own
+        ));
+    }
+    let found = if job.propose {
+        constrain(&sketch.drawing, &sketch.covariance, &options)?
+    } else {
+        constrain_among(&sketch.drawing, &sketch.covariance, &[], &options)?
+    };
+    let (found, sizes) = match job.snap {
+        None => (found, Vec::new()),
+        Some(grid) => {
+            let grid = grid.in_unit(unit.unwrap_or(Unit::Millimetre));
+            snap(&found, grid, &Dimension::all(&sketch.drawing))?
+        }
+    };
+    let dimensions = dimension_scheme(&found.drawing, &found.covariance, &found.constraints);
+    let diagnosis = diagnose(&found.drawing, &found.constraints)?;
+    let complete: Vec<Constraint> = found
+        .constraints
+        .iter()
+        .copied()
+        .chain(dimensions.iter().map(|dimension| dimension.constraint))
+        .collect();
+    let graphs = GraphsOfView::new(
+        "contour",
+        &found.drawing,
+        &complete,
+        &diagnose(&found.drawing, &complete)?,
+    );
+    let (contours, drawn) = contours_of(&sketch, &found)?;
+    Ok(ConstrainedParts {
+        report: report(&sketch, &found, own, sizes, dimensions, &diagnosis, contours)?,
+        drawn,
+        graphs,
+        warnings,
+    })
+}
+
+/// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest set.
+fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
+    let mut all = sketch.given.clone();
+    for sentence in &job.given {
+        let constraint = Constraint::parse(sentence, &sketch.drawing)?;
+        constraint.require_parts(&sketch.drawing)?;
+        all.push(constraint);
+    }
+    if job.given.is_empty() {
+        return Ok(all);
+    }
+    let found = diagnose(&sketch.drawing, &all)?;
+    if found.conflicting.is_empty() {
+        return Ok(all);
+    }
+    let words = |i: usize| all[i].describe(&sketch.drawing);
+    let sets: Vec<String> = found
+        .conflicting
+        .iter()
+        .map(|conflict| {
+            let others: Vec<String> = conflict.with.iter().map(|&i| words(i)).collect();
+            format!(
+                "`{}` cannot hold together with {}",
+                words(conflict.constraint),
+                quoted(&others)
+            )
+        })
+        .collect();
+    Err(Error::input(format!("{}: leave one of each set out", sets.join("; "))))
+}
+
+fn quoted(names: &[String]) -> String {
+    let quoted: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    quoted.join(", ")
+}
+
+/// A part's estimate in canonical parameters, angles in radians.
+fn estimated(part: &Part, seen: Option<[[f64; 2]; 2]>) -> EstimatedContour {
+    let kind = part.choice.fit.kind.clone();
+    let (_, values, covariance) = canonical(&part.choice.fit);
+    let factors: Vec<f64> = kind.names().into_iter().map(|(_, factor)| factor).collect();
+    let n = factors.len();
+    EstimatedContour {
+        theta: (0..n).map(|i| values[i] / factors[i]).collect(),
+        covariance: DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (factors[i] * factors[j])),
+        kind,
+        seen,
+    }
+}
+
+fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedContour>, Vec<DrawnKind>)> {
+    let (mut contours, mut drawn) = (Vec::new(), Vec::new());
+    for i in 0..sketch.parts.len() {
+        let kind = sketch.parts[i].kind.clone();
+        let (theta, covariance) = sketch.contour(i, &found.drawing, &found.covariance)?;
+        let names = kind.names();
+        let at = |k: usize, l: usize| names[k].1 * names[l].1 * covariance[(k, l)];
+        contours.push(ConstrainedContour {
+            kind: kind.to_string(),
+            parameters: (0..names.len())
+                .map(|k| {
+                    let value = ReportedValue {
+                        value: theta[k] * names[k].1,
+                        sigma: at(k, k).max(0.0).sqrt(),
+                    };
+                    (names[k].0.clone(), value)
+                })
+                .collect(),
+            order: names.iter().map(|(name, _)| name.clone()).collect(),
+            covariance: (0..names.len())
+                .map(|k| (0..names.len()).map(|l| at(k, l)).collect())
+                .collect(),
+        });
+        drawn.push((kind, theta));
+    }
+    Ok((contours, drawn))
+}
+
+fn report(
+    sketch: &Sketch,
+    found: &Constrained,
+    own: usize,
+    sizes: Vec<Snap>,
+    dimensions: Vec<Dimensioned>,
+    diagnosis: &Diagnosis,
+    contours: Vec<ConstrainedContour>,
+) -> Result<ConstrainedReport> {
+    let drawing = &found.drawing;
+    let words = |constraint: &Constraint| constraint.describe(drawing);
+    let implied: Vec<usize> = (0..found.proposals.len())
+        .filter(|&i| found.proposals[i].outcome == Outcome::Implied)
+        .collect();
+    let relations: Vec<Constraint> = implied.iter().map(|&i| found.proposals[i].constraint).collect();
+    let follows = implications(drawing, &found.constraints, &relations)?;
+    let from = |i: usize| -> Vec<String> {
+        let set = follows.iter().find(|dependence| implied[dependence.constraint] == i);
+        set.map_or_else(Vec::new, |set| {
+            set.with.iter().map(|&k| words(&found.constraints[k])).collect()
+        })
+    };
+    let reported: Vec<ReportedRelation> = (0..found.proposals.len())
+        .map(|i| {
+            let proposal = &found.proposals[i];
+            let (outcome, with) = match &proposal.outcome {
+                Outcome::Imposed => ("imposed", Vec::new()),
+                Outcome::Implied => ("implied", from(i)),
+                Outcome::Rejected => ("rejected", Vec::new()),
+                Outcome::Unclear => ("unclear", Vec::new()),
+                Outcome::Refused { with } => (
+                    "refused",
+                    with.iter().map(|&k| found.proposals[k].text.clone()).collect(),
+                ),
+            };
+            ReportedRelation {
+                text: proposal.text.clone(),
+                outcome,
+                chi_square: proposal.chi_square,
+                degrees: proposal.degrees,
+                p_value: proposal.p_value,
+                chance: proposal.chance,
+                with,
+            }
+        })
+        .collect();
+    let dependence = |relation: &ReportedRelation| ReportedDependence {
+        text: relation.text.clone(),
+        with: relation.with.clone(),
+    };
+    let pick = |outcome: &str| -> Vec<ReportedDependence> {
+        // What was given and is found again says nothing of others.
+        let says_more = |r: &&ReportedRelation| !r.with.is_empty() && r.with != [r.text.clone()];
+        let chosen = reported.iter().filter(|r| r.outcome == outcome).filter(says_more);
+        chosen.map(dependence).collect()
+    };
+    // What was given and said nothing new stands first.
+    let mut redundant: Vec<ReportedDependence> = diagnosis
+        .redundant
+        .iter()
+        .map(|dependence| ReportedDependence {
+            text: words(&found.constraints[dependence.constraint]),
+            with: dependence.with.iter().map(|&k| words(&found.constraints[k])).collect(),
+        })
+        .collect();
+    redundant.extend(pick("implied"));
+    Ok(ConstrainedReport {
+        contours,
+        points: points(sketch, drawing, &found.covariance),
+        bars: sizes_of(sketch, drawing, &found.covariance, true),
+        circles: sizes_of(sketch, drawing, &found.covariance, false),
+        conflicting: pick("refused"),
+        redundant,
+        constraints: imposed(sketch, found, &sizes),
+        dimensions,
+        chi_square: found.chi_square,
+        degrees: found.degrees - own,
+        p_value: chi_square_tail(found.chi_square, found.degrees - own),
+        expected_by_chance: found.expected_by_chance,
+        freedoms: ReportedFreedoms {
+            parameters: diagnosis.parameters,
+            equations: diagnosis.equations,
+            rank: diagnosis.rank,
+            structural_rank: diagnosis.structure.rank,
+            free: diagnosis.freedoms,
+            rigid_motions: diagnosis.rigid_motions,
+            is_generic: diagnosis.is_generic,
+        },
+        structure: NamedStructure::new(&diagnosis.structure, drawing),
+        relations: reported,
+        sizes,
+    })
+}
+
+/// Every constraint with where it comes from.
+fn imposed(sketch: &Sketch, found: &Constrained, sizes: &[Snap]) -> Vec<ImposedConstraint> {
+    let snapped = sizes.iter().filter(|size| size.outcome == SnapOutcome::Snapped).count();
+    let accepted = found.accepted().count();
+    let count = found.constraints.len();
+    let from = |i: usize| match i {
+        i if i < sketch.given.len() => "kind",
+        i if i >= count - snapped => "grid",
+        i if i >= count - snapped - accepted => "relation",
+        _ => "given",
+    };
+    let all = found.constraints.iter().enumerate();
+    all.map(|(i, constraint)| ImposedConstraint {
+        text: constraint.describe(&found.drawing),
+        from: from(i),
+        constraint: *constraint,
+    })
+    .collect()
+}
+
+fn points(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>) -> Vec<ReportedPoint> {
+    let all = drawing.points().map(|point| ReportedPoint {
+        name: drawing.point_name(point).to_owned(),
+        contour: part_of(sketch, |part| part.first.points, point.0),
+        position: drawing.position(point),
+        sigma: drawing.coordinates(point).map(|i| covariance[(i, i)].max(0.0).sqrt()),
+    });
+    all.collect()
+}
+
+/// Lengths of bars, or radii of circles.
+fn sizes_of(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>, bars: bool) -> Vec<ReportedSize> {
+    let size = |name: String, contour: usize, value: f64, constraint: Constraint| ReportedSize {
+        name,
+        contour,
+        value,
+        sigma: planish_solid::constraint::sigma(&constraint, drawing, covariance),
+    };
+    if bars {
+        let all = drawing.bars().map(|bar| {
+            let ([a, b], value) = (drawing.ends(bar), drawing.length(bar));
+            let contour = part_of(sketch, |part| part.first.bars, bar.0);
+            size(
+                drawing.bar_name(bar),
+                contour,
+                value,
+                Constraint::Distance { a, b, value },
+            )
+        });
+        return all.collect();
+    }
+    let all = drawing.circles().map(|circle| {
+        let value = drawing.radius(circle);
+        let contour = part_of(sketch, |part| part.first.circles, circle.0);
+        size(
+            drawing.circle_name(circle).to_owned(),
+            contour,
+            value,
+            Constraint::Radius { circle, value },
+        )
+    });
+    all.collect()
+}
+
+/// The last part whose numbers begin no later.
+fn part_of(sketch: &Sketch, first: impl Fn(&planish_solid::sketch::SketchPart) -> u32, id: u32) -> usize {
+    sketch
+        .parts
+        .iter()
+        .rposition(|part| first(part) <= id)
+        .unwrap_or_default()
+}

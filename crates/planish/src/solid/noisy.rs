@@ -1,0 +1,275 @@
+//! Contours with their covariance as views: read, constrained, matched, made one geometry; its sizes with σ.
+
+use super::{SolidJob, SolidReport};
+use crate::graphs::GraphsOfView;
+use planish_estimate::{Error, Result};
+use planish_exchange::contours::read_contour_json;
+use planish_exchange::{Unit, write_atomically};
+use planish_solid::brep::Solid;
+use planish_solid::constraint::{ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma};
+use planish_solid::graph::{Composite, SketchView, SpaceAxis, composite};
+use planish_solid::noisy_views::{
+    ConsistentViews, MatchOptions, NoisyView, SpaceDimension, SpaceMatch, SpaceVertex, match_views,
+};
+use planish_solid::sketch::Sketch;
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A view as it was taken.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedView {
+    /// `front`, `top` or `side`.
+    pub view: &'static str,
+    /// The file it was read from.
+    pub file: String,
+    /// Its contours by kind.
+    pub contours: Vec<String>,
+    /// What holds in it beside the kinds, in words.
+    pub constraints: Vec<String>,
+    /// Whether that stands in the file; else it was found here.
+    pub constraints_of_file: bool,
+    /// The dimensions that, with these, say all of it.
+    pub parameters: usize,
+    /// The rank of constraints and dimensions at a witness.
+    pub rank: usize,
+}
+
+/// How noisy views became one geometry, and what is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NoisyGeometry {
+    /// The views.
+    pub views: Vec<ReportedView>,
+    /// Which coordinates of them are one.
+    pub matches: Vec<SpaceMatch>,
+    /// What agreeing costs the views.
+    pub chi_square: f64,
+    /// The degrees of freedom of that χ².
+    pub degrees: usize,
+    /// The probability of a χ² at least as large.
+    pub p_value: f64,
+    /// The best solid's vertices.
+    pub vertices: Vec<SpaceVertex>,
+    /// Its sizes.
+    pub dimensions: Vec<SpaceDimension>,
+}
+
+/// Views that were made consistent.
+pub(super) struct Noisy {
+    pub(super) consistent: ConsistentViews,
+    pub(super) unit: Unit,
+    views: Vec<NoisyView>,
+    files: Vec<PathBuf>,
+    of_file: Vec<bool>,
+}
+
+/// A bar that leans by less than this share of its length is told where no solid was found.
+const NEARLY: f64 = 0.1;
+/// Points of exact views are one within this share of the extent.
+const SAME: f64 = 1e-7;
+
+/// Reads the views and makes them one geometry.
+pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> {
+    let mut unit: Option<(Unit, &Path)> = None;
+    let (mut views, mut of_file) = (Vec::new(), Vec::new());
+    for (path, kind) in job.views.iter().zip(super::kinds(job)) {
+        let file = read_contour_json(path)?;
+        let named = |e: Error| e.in_context(path.display());
+        if let (Some((known, other)), Some(own)) = (unit, file.unit)
+            && known != own
+        {
+            return Err(Error::input(format!(
+                "{}: is in {own}, and {} in {known}: needed one unit",
+                path.display(),
+                other.display()
+            )));
+        }
+        unit = unit.or(file.unit.map(|own| (own, path.as_path())));
+        if let Some(level) = file
+            .levels
+            .iter()
+            .flatten()
+            .find(|level| Some(**level) != file.levels[0])
+        {
+            return Err(named(Error::input(format!(
+                "holds contours of several levels, such as {level}: a view is one outline with its holes"
+            ))));
+        }
+        let sketch = Sketch::new(&file.contours).map_err(named)?;
+        let constraints = match file.constraints {
+            Some(constraints) => {
+                for constraint in &constraints {
+                    constraint.require_parts(&sketch.drawing).map_err(named)?;
+                }
+                of_file.push(true);
+                constraints
+            }
+            None => {
+                of_file.push(false);
+                found(&sketch, job.level).map_err(named)?
+            }
+        };
+        views.push(NoisyView {
+            kind,
+            sketch,
+            constraints,
+        });
+    }
+    let options = MatchOptions {
+        level: job.level,
+        ..MatchOptions::default()
+    };
+    let consistent = match_views(&views, &options)?;
+    if consistent.p_value < job.level {
+        warnings.push(format!(
+            "the views agree only with p = {:.1e}: is the σ of their readings true?",
+            consistent.p_value
+        ));
+    }
+    Ok(Noisy {
+        consistent,
+        unit: unit.map_or(job.unit.unwrap_or(Unit::Millimetre), |(unit, _)| unit),
+        views,
+        files: job.views.clone(),
+        of_file,
+    })
+}
+
+/// The relations that hold in a view.
+fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
+    let options = ConstrainOptions {
+        level,
+        given: sketch.given.clone(),
+        ..ConstrainOptions::default()
+    };
+    let found = constrain(&sketch.drawing, &sketch.covariance, &options)?;
+    Ok(found.accepted().map(|proposal| proposal.constraint).collect())
+}
+
+impl Noisy {
+    /// All that holds in a view, with the dimensions that complete it: its own drawing, consistent with the others.
+    fn complete(&self, view: usize) -> Result<(Drawing, Vec<Constraint>)> {
+        let (drawing, covariance) = self.consistent.view(view)?;
+        let own = &self.views[view];
+        let mut all: Vec<Constraint> = own.sketch.given.iter().chain(&own.constraints).copied().collect();
+        let scheme = dimension_scheme(&drawing, &covariance, &all);
+        all.extend(scheme.iter().map(|dimension| dimension.constraint));
+        Ok((drawing, all))
+    }
+
+    /// The graphs of every view.
+    pub(super) fn graphs(&self) -> Result<Vec<GraphsOfView>> {
+        let each = (0..self.views.len()).map(|view| {
+            let (drawing, all) = self.complete(view)?;
+            let diagnosis = diagnose(&drawing, &all)?;
+            Ok(GraphsOfView::new(
+                self.views[view].kind.name(),
+                &drawing,
+                &all,
+                &diagnosis,
+            ))
+        });
+        each.collect()
+    }
+
+    /// The composite graph; none, and a warning, where the views have no point in common.
+    pub(super) fn composite(&self, warnings: &mut Vec<String>) -> Result<Option<Composite>> {
+        let complete = (0..self.views.len())
+            .map(|view| self.complete(view))
+            .collect::<Result<Vec<_>>>()?;
+        let axis = |k: usize| [SpaceAxis::X, SpaceAxis::Y, SpaceAxis::Z][k];
+        let sketches: Vec<SketchView> = self
+            .views
+            .iter()
+            .zip(&complete)
+            .map(|(view, (drawing, constraints))| SketchView {
+                name: view.kind.name(),
+                axes: [axis(view.kind.axes()[0]), axis(view.kind.axes()[1])],
+                drawing,
+                constraints,
+                covariance: None,
+            })
+            .collect();
+        match composite(&sketches, SAME * self.consistent.drawing.extent(), 0.0) {
+            Ok(composite) => Ok(Some(composite)),
+            Err(e) => {
+                warnings.push(format!("no composite graph was written: {e}"));
+                Ok(None)
+            }
+        }
+    }
+
+    /// What is known of a solid that was made of the views.
+    pub(super) fn geometry(&self, solid: &Solid) -> Result<NoisyGeometry> {
+        let views = (0..self.views.len()).map(|i| {
+            let view = &self.views[i];
+            let (drawing, all) = self.complete(i)?;
+            let words = |constraint: &Constraint| constraint.describe(&drawing);
+            Ok(ReportedView {
+                view: view.kind.name(),
+                file: self.files[i].display().to_string(),
+                contours: view.sketch.parts.iter().map(|part| part.kind.to_string()).collect(),
+                constraints: view.constraints.iter().map(words).collect(),
+                constraints_of_file: self.of_file[i],
+                parameters: drawing.parameters(),
+                rank: diagnose(&drawing, &all)?.rank,
+            })
+        });
+        Ok(NoisyGeometry {
+            views: views.collect::<Result<_>>()?,
+            matches: self.consistent.matches.clone(),
+            chi_square: self.consistent.chi_square,
+            degrees: self.consistent.degrees,
+            p_value: self.consistent.p_value,
+            vertices: self.consistent.vertices(solid),
+            dimensions: self.consistent.dimensions(solid),
+        })
+    }
+
+    /// Why no solid was found, with the bars that lean a little: a relation that was lost is the usual reason.
+    pub(super) fn explain(&self, error: Error) -> Error {
+        let drawing = &self.consistent.drawing;
+        let x = drawing.values();
+        let leaning = drawing.bars().filter_map(|bar| {
+            let each = [Constraint::Horizontal { bar }, Constraint::Vertical { bar }];
+            let off = each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
+            let nearest = usize::from(off[1] < off[0]);
+            let spread = sigma(&each[nearest], drawing, &self.consistent.covariance) / drawing.length(bar);
+            (off[nearest] > SAME && off[nearest] < NEARLY).then(|| {
+                format!(
+                    "{} leans by {:.3}° ± {:.3}°",
+                    drawing.bar_name(bar),
+                    off[nearest].to_degrees(),
+                    spread.to_degrees()
+                )
+            })
+        });
+        let leaning: Vec<String> = leaning.collect();
+        if leaning.is_empty() {
+            return error.in_context(
+                "contours are outlines: edges inside an outline are not seen, and a solid that shows some has other views",
+            );
+        }
+        error.in_context(format!(
+            "{}: if a side should stand upright, say so in `planish contour --given`, or lower --level",
+            leaning.join(", ")
+        ))
+    }
+}
+
+/// Writes what is known of the solids and their sizes.
+pub(super) fn write_json(path: &Path, report: &SolidReport) -> Result<()> {
+    #[derive(Serialize)]
+    struct Written<'a> {
+        unit: &'a str,
+        #[serde(flatten)]
+        report: &'a SolidReport,
+    }
+    let written = Written {
+        unit: report.unit.name(),
+        report,
+    };
+    let text = serde_json::to_string_pretty(&written)
+        .map_err(|e| Error::io(format!("{}: could not be put as JSON", path.display())).with_source(e))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
+}

@@ -1,0 +1,185 @@
+//! Which parts of a drawing a constraint names, and the constraint in words.
+
+use super::drawing::{BarId, CircleId, Drawing, Offset, PointId};
+use super::place::Place;
+use super::relation::Constraint;
+use planish_estimate::{Error, Result};
+
+impl Constraint {
+    /// Checks that a drawing has the parts it names, and that its value is a number.
+    ///
+    /// # Errors
+    /// `Input` when it does not.
+    pub fn require_parts(&self, drawing: &Drawing) -> Result<()> {
+        let aligned;
+        let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
+            Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
+            Self::PointLineDistance { point, bar, value } => (&[*point], &[*bar], &[], *value),
+            Self::Angle { from, to, radians } => (&[], &[*from, *to], &[], *radians),
+            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => {
+                (&[], &[*a, *b], &[], 0.0)
+            }
+            Self::Tangent { bar, circle, .. } => (&[], &[*bar], &[*circle], 0.0),
+            Self::TangentCircles { a, b, .. } | Self::Concentric { a, b } | Self::EqualRadius { a, b } => {
+                (&[], &[], &[*a, *b], 0.0)
+            }
+            Self::Symmetric { a, b, about } => (&[*a, *b], &[*about], &[], 0.0),
+            Self::TangentAt { bar, circle, point } => (&[*point], &[*bar], &[*circle], 0.0),
+            Self::Aligned { a, b } => {
+                let mut named = (Vec::new(), Vec::new());
+                for place in [a, b] {
+                    match place {
+                        Place::Point { point, .. } => named.0.push(*point),
+                        Place::Extreme { circle, .. } => named.1.push(*circle),
+                    }
+                }
+                aligned = named;
+                (&aligned.0, &[], &aligned.1, 0.0)
+            }
+            Self::Horizontal { bar } | Self::Vertical { bar } => (&[], &[*bar], &[], 0.0),
+            Self::Coordinate { point, value, .. } => (&[*point], &[], &[], *value),
+            Self::Anchor { point, at } => (&[*point], &[], &[], at[0] + at[1]),
+            Self::Coincident { a, b } => (&[*a, *b], &[], &[], 0.0),
+            Self::PointOnCircle { point, circle } => (&[*point], &[], &[*circle], 0.0),
+            Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
+        };
+        let count = [
+            drawing.points().count(),
+            drawing.bars().count(),
+            drawing.circles().count(),
+        ];
+        let missing = (points.iter().map(|p| ("point", p.0, count[0])))
+            .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
+            .chain(circles.iter().map(|c| ("circle", c.0, count[2])))
+            .find(|&(_, id, count)| id as usize >= count);
+        match missing {
+            Some((part, id, count)) => Err(Error::input(format!(
+                "a constraint names {part} {}, but the drawing has {count}",
+                id + 1
+            ))),
+            None if !value.is_finite() => Err(Error::input(format!(
+                "{} has no finite value: state one",
+                self.describe(drawing)
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`] reads them.
+    #[must_use]
+    pub fn describe(&self, drawing: &Drawing) -> String {
+        let bar = |bar: &BarId| drawing.bar_name(*bar);
+        let point = |point: &PointId| drawing.point_name(*point);
+        let circle = |circle: &CircleId| drawing.circle_name(*circle);
+        match self {
+            Self::Distance { a, b, value } => format!("{} is {} long", drawing.pair_name(*a, *b), rounded(*value)),
+            Self::PointLineDistance {
+                point: p,
+                bar: b,
+                value,
+            } => format!("{} is {} from {}", point(p), rounded(*value), bar(b)),
+            Self::Angle { from, to, radians } => {
+                format!("{} to {} is {}°", bar(from), bar(to), rounded(radians.to_degrees()))
+            }
+            Self::Parallel { a, b } => format!("{} parallel to {}", bar(a), bar(b)),
+            Self::Perpendicular { a, b } => format!("{} perpendicular to {}", bar(a), bar(b)),
+            Self::Tangent { bar: b, circle: c, .. } => format!("{} tangent to {}", bar(b), circle(c)),
+            Self::TangentCircles { a, b, .. } => format!("{} tangent to {}", circle(a), circle(b)),
+            Self::Concentric { a, b } => format!("{} concentric with {}", circle(a), circle(b)),
+            Self::EqualLength { a, b } => format!("{} as long as {}", bar(a), bar(b)),
+            Self::EqualRadius { a, b } => format!("{} has the radius of {}", circle(a), circle(b)),
+            Self::Symmetric { a, b, about } => format!("{} and {} symmetric about {}", point(a), point(b), bar(about)),
+            Self::Horizontal { bar: b } => format!("{} horizontal", bar(b)),
+            Self::Vertical { bar: b } => format!("{} vertical", bar(b)),
+            Self::Coordinate { point: p, axis, value } => {
+                format!(
+                    "{} = {}",
+                    drawing.parameter_name(drawing.coordinates(*p)[*axis as usize]),
+                    rounded(*value)
+                )
+            }
+            Self::Anchor { point: p, at } => format!("{} at ({}, {})", point(p), rounded(at[0]), rounded(at[1])),
+            Self::Coincident { a, b } => format!("{} on {}", point(a), point(b)),
+            Self::PointOnCircle { point: p, circle: c } => format!("{} on {}", point(p), circle(c)),
+            Self::TangentAt {
+                bar: b,
+                circle: c,
+                point: p,
+            } => {
+                format!("{} tangent to {} at {}", bar(b), circle(c), point(p))
+            }
+            Self::Aligned { a, b } => format!("{} = {}", a.describe(drawing), b.describe(drawing)),
+            Self::Radius { circle: c, value } => format!("{} has radius {}", circle(c), rounded(*value)),
+        }
+    }
+
+    /// The parameters that it depends on.
+    pub(crate) fn parameters(&self, drawing: &Drawing) -> Vec<usize> {
+        let equations = self.equations(drawing, drawing.raw_values());
+        let mut found: Vec<usize> = equations
+            .iter()
+            .flat_map(|equation| equation.gradient.iter().map(|&(parameter, _)| parameter))
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The same constraint between the same parts, once their drawing was put behind another.
+    #[must_use]
+    pub fn shifted(&self, offset: Offset) -> Self {
+        let mut moved = *self;
+        let (mut points, mut bars, mut circles): (Vec<&mut PointId>, Vec<&mut BarId>, Vec<&mut CircleId>) =
+            Default::default();
+        match &mut moved {
+            Self::Distance { a, b, .. } | Self::Coincident { a, b } => points.extend([a, b]),
+            Self::PointLineDistance { point, bar, .. } => {
+                points.push(point);
+                bars.push(bar);
+            }
+            Self::Angle { from, to, .. } => bars.extend([from, to]),
+            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => bars.extend([a, b]),
+            Self::Tangent { bar, circle, .. } => {
+                bars.push(bar);
+                circles.push(circle);
+            }
+            Self::TangentCircles { a, b, .. } | Self::Concentric { a, b } | Self::EqualRadius { a, b } => {
+                circles.extend([a, b]);
+            }
+            Self::Symmetric { a, b, about } => {
+                points.extend([a, b]);
+                bars.push(about);
+            }
+            Self::Horizontal { bar } | Self::Vertical { bar } => bars.push(bar),
+            Self::Coordinate { point, .. } | Self::Anchor { point, .. } => points.push(point),
+            Self::PointOnCircle { point, circle } => {
+                points.push(point);
+                circles.push(circle);
+            }
+            Self::TangentAt { bar, circle, point } => {
+                bars.push(bar);
+                circles.push(circle);
+                points.push(point);
+            }
+            Self::Radius { circle, .. } => circles.push(circle),
+            Self::Aligned { a, b } => {
+                *a = a.shifted(offset);
+                *b = b.shifted(offset);
+            }
+        }
+        points.into_iter().for_each(|point| *point = offset.point(*point));
+        bars.into_iter().for_each(|bar| *bar = offset.bar(*bar));
+        circles.into_iter().for_each(|circle| *circle = offset.circle(*circle));
+        moved
+    }
+}
+
+/// Eight digits: more than any estimate is known to.
+fn rounded(value: f64) -> f64 {
+    let digits = 7 - value.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
+    if !value.is_finite() || digits > 300 {
+        return value;
+    }
+    let scale = 10_f64.powi(digits);
+    (value * scale).round() / scale
+}

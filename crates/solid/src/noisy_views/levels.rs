@@ -1,0 +1,308 @@
+//! Coordinates along the axes of space that views show, and which of them are one.
+
+use super::NoisyView;
+use crate::constraint::{
+    Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail, sigma,
+};
+use crate::contour::Kind;
+use crate::sketch::SketchPart;
+use planish_estimate::{Error, Result};
+use serde::Serialize;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// A coordinate that a view shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SpacePlace {
+    /// The axis of space.
+    pub(super) axis: usize,
+    pub(super) view: usize,
+    /// In the drawing of all views.
+    pub(super) place: Place,
+}
+
+/// A coordinate along an axis of space, with everything that lies on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Level {
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// What lies on it, in the drawing of all views.
+    pub places: Vec<Place>,
+}
+
+/// Two coordinates that were compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpaceMatch {
+    /// The axis of space.
+    pub axis: &'static str,
+    /// The two views, by their place.
+    pub views: [usize; 2],
+    /// In words.
+    pub text: String,
+    /// χ² of their difference, of one degree of freedom, in the views as they are.
+    pub chi_square: f64,
+    /// The probability of a χ² at least as large when they are one.
+    pub p_value: f64,
+    /// The share of the extent that would have passed.
+    pub chance: f64,
+    /// `imposed`, `implied` by others, `refused` for others, or `unclear`.
+    pub outcome: &'static str,
+}
+
+/// Two coordinates are one where what imposed left of their difference is this share of what it was.
+const ONE: f64 = 1e-6;
+
+/// Every coordinate that corners and circles of the views reach.
+pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing) -> Result<Vec<SpacePlace>> {
+    let mut found = Vec::new();
+    for (view, noisy) in views.iter().enumerate() {
+        let before = found.len();
+        for part in &noisy.sketch.parts {
+            for (k, axis) in [Axis::X, Axis::Y].into_iter().enumerate() {
+                let space = noisy.kind.axes()[k];
+                found.extend(
+                    of_part(part, offsets[view], axis, drawing)
+                        .into_iter()
+                        .map(|place| SpacePlace {
+                            axis: space,
+                            view,
+                            place,
+                        }),
+                );
+            }
+        }
+        if found.len() == before {
+            return Err(Error::input(format!(
+                "the {} view has neither corners nor circles that other views could show",
+                noisy.kind.name()
+            )));
+        }
+    }
+    Ok(found)
+}
+
+/// The coordinates that a contour reaches along one axis of its view.
+fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> Vec<Place> {
+    let point = |i: u32| PointId(offset.points + part.first.points + i);
+    let circle = |i: u32| CircleId(offset.circles + part.first.circles + i);
+    let corner = |i: u32| Place::Point { point: point(i), axis };
+    let extreme = |i: u32, upper: bool| Place::Extreme {
+        circle: circle(i),
+        axis,
+        upper,
+    };
+    match &part.kind {
+        // A line has no ends of its own, and an ellipse is no outline of planes and cylinders along axes.
+        Kind::Line | Kind::Ellipse => Vec::new(),
+        Kind::Circle => vec![extreme(0, false), extreme(0, true)],
+        Kind::Slot => {
+            let centre = |i: u32| drawing.position(point(i))[axis as usize];
+            let (low, high) = if centre(0) <= centre(1) { (0, 1) } else { (1, 0) };
+            vec![extreme(low, false), extreme(high, true)]
+        }
+        Kind::Rectangle | Kind::RoundedRectangle => (0..4).map(corner).collect(),
+        Kind::RegularPolygon(count) | Kind::Polygon(count) => (0..*count as u32).map(corner).collect(),
+        Kind::Chain { arcs, closed } => {
+            let count = arcs.len() + usize::from(!closed);
+            let mut places: Vec<Place> = (0..count as u32).map(corner).collect();
+            for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate() {
+                for upper in [false, true] {
+                    if reaches(drawing, id, start, end, axis, upper) {
+                        places.push(extreme(i as u32, upper));
+                    }
+                }
+            }
+            places
+        }
+    }
+}
+
+fn in_part(part: &SketchPart, offset: Offset, circle: CircleId) -> bool {
+    let first = offset.circles + part.first.circles;
+    (first..first + part.count.circles).contains(&circle.0)
+}
+
+/// Whether an arc passes through its circle's largest or least coordinate.
+fn reaches(drawing: &Drawing, circle: CircleId, start: PointId, end: PointId, axis: Axis, upper: bool) -> bool {
+    let centre = drawing.position(drawing.centre(circle));
+    let angle = |point: PointId| {
+        let p = drawing.position(point);
+        (p[1] - centre[1]).atan2(p[0] - centre[0])
+    };
+    let quarter = match (axis, upper) {
+        (Axis::X, true) => 0.0,
+        (Axis::Y, true) => 1.0,
+        (Axis::X, false) => 2.0,
+        (Axis::Y, false) => 3.0,
+    };
+    let from = angle(start);
+    let sweep = (angle(end) - from).rem_euclid(TAU);
+    (quarter * FRAC_PI_2 - from).rem_euclid(TAU) < sweep
+}
+
+/// Pairs of coordinates along one axis that are not one already.
+pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Candidate> {
+    let groups = groups(places, alone);
+    let mut found = Vec::new();
+    for axis in 0..3 {
+        let own: Vec<&Vec<usize>> = groups.iter().filter(|group| places[group[0]].axis == axis).collect();
+        let values = own.iter().map(|group| {
+            places[group[0]]
+                .place
+                .value(&alone.drawing, alone.drawing.values().as_slice())
+        });
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        for (i, a) in own.iter().enumerate() {
+            for b in &own[i + 1..] {
+                found.push(Candidate {
+                    constraint: Constraint::Aligned {
+                        a: places[a[0]].place,
+                        b: places[b[0]].place,
+                    },
+                    range: (high - low).max(f64::MIN_POSITIVE),
+                });
+            }
+        }
+    }
+    found
+}
+
+/// Places by what they are one with, each group and its members in the order of the places.
+fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
+    let values = state.drawing.values();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (i, new) in places.iter().enumerate() {
+        let same = |group: &Vec<usize>| {
+            let known = &places[group[0]];
+            known.axis == new.axis && is_one(known.place, new.place, state, values.as_slice())
+        };
+        match groups.iter_mut().find(|group| same(group)) {
+            Some(group) => group.push(i),
+            None => groups.push(vec![i]),
+        }
+    }
+    groups
+}
+
+fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
+    let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();
+    let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
+    let each = [a, b].map(|place| place_sigma(place, state));
+    apart <= 1e-8 * state.drawing.extent() && together <= ONE * each[0].max(each[1]).max(ONE * state.drawing.extent())
+}
+
+/// σ of a coordinate.
+fn place_sigma(place: Place, state: &Constrained) -> f64 {
+    let terms = place.terms(&state.drawing);
+    let products = terms.iter().flat_map(|a| terms.iter().map(move |b| (a, b)));
+    let variance: f64 = products
+        .map(|(&(i, a), &(j, b))| a * b * state.covariance[(i, j)])
+        .sum();
+    variance.max(0.0).sqrt()
+}
+
+/// The levels of each axis, ascending.
+pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<Level>; 3] {
+    let values = state.drawing.values();
+    let mut levels: [Vec<Level>; 3] = Default::default();
+    for group in groups(places, state) {
+        let first = &places[group[0]];
+        levels[first.axis].push(Level {
+            value: first.place.value(&state.drawing, values.as_slice()),
+            sigma: place_sigma(first.place, state),
+            places: group.iter().map(|&i| places[i].place).collect(),
+        });
+    }
+    for of_axis in &mut levels {
+        of_axis.sort_by(|a, b| a.value.total_cmp(&b.value));
+    }
+    levels
+}
+
+/// Where two views that share an axis end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct End {
+    a: SpacePlace,
+    b: SpacePlace,
+}
+
+impl End {
+    /// That they end together.
+    pub(super) fn constraint(&self) -> Constraint {
+        Constraint::Aligned {
+            a: self.a.place,
+            b: self.b.place,
+        }
+    }
+
+    fn chi_square(&self, alone: &Constrained) -> f64 {
+        let values = alone.drawing.values();
+        let [a, b] = [self.a, self.b].map(|end| end.place.value(&alone.drawing, values.as_slice()));
+        let spread = sigma(&self.constraint(), &alone.drawing, &alone.covariance);
+        ((a - b) / spread.max(f64::MIN_POSITIVE)).powi(2)
+    }
+
+    /// What is told of it.
+    pub(super) fn said(&self, alone: &Constrained) -> SpaceMatch {
+        let chi_square = self.chi_square(alone);
+        SpaceMatch {
+            axis: ["x", "y", "z"][self.a.axis],
+            views: [self.a.view, self.b.view],
+            text: self.constraint().describe(&alone.drawing),
+            chi_square,
+            p_value: chi_square_tail(chi_square, 1),
+            chance: 0.0,
+            outcome: "end",
+        }
+    }
+}
+
+/// The ends of views that share an axis, in pairs of views.
+pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> Vec<End> {
+    let values = alone.drawing.values();
+    let value = |end: &SpacePlace| end.place.value(&alone.drawing, values.as_slice());
+    let mut found = Vec::new();
+    for axis in 0..3 {
+        for upper in [false, true] {
+            let last = |view: usize| {
+                let own = places.iter().filter(|place| place.axis == axis && place.view == view);
+                own.copied().max_by(|a, b| {
+                    let order = value(a).total_cmp(&value(b));
+                    if upper { order } else { order.reverse() }
+                })
+            };
+            let ends: Vec<SpacePlace> = (0..views).filter_map(last).collect();
+            found.extend(ends.windows(2).map(|pair| End { a: pair[0], b: pair[1] }));
+        }
+    }
+    found
+}
+
+/// Names the ends that agree least.
+pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
+    let worst = ends
+        .iter()
+        .max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
+    let Some(worst) = worst else {
+        return Error::undetermined("the views share no axis");
+    };
+    let values = alone.drawing.values();
+    let said = |end: &SpacePlace| {
+        format!(
+            "the {} view ends at {} = {:.6} ± {:.2e} ({})",
+            views[end.view].kind.name(),
+            ["x", "y", "z"][end.axis],
+            end.place.value(&alone.drawing, values.as_slice()),
+            place_sigma(end.place, alone),
+            end.place.describe(&alone.drawing)
+        )
+    };
+    let chi_square = worst.chi_square(alone);
+    Error::input(format!(
+        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one thing, at one scale, in one frame",
+        said(&worst.a),
+        said(&worst.b),
+        chi_square_tail(chi_square, 1)
+    ))
+}

@@ -1,0 +1,79 @@
+//! Consistent contours as the curves of exact views.
+
+use super::ConsistentViews;
+use crate::contour::{Kind, arc_circle};
+use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View};
+use planish_estimate::{Error, Result};
+use std::f64::consts::TAU;
+
+impl ConsistentViews {
+    /// The views as a drawing without errors: all that was seen is visible.
+    ///
+    /// # Errors
+    /// `Unsupported` for an ellipse or a line without end, of which no solid of planes and cylinders is made; `Input` where
+    /// what was imposed leaves no contour of its kind.
+    pub fn exact_views(&self) -> Result<Drawing> {
+        let mut drawing = Drawing::default();
+        for (i, kind) in self.kinds.iter().enumerate() {
+            let (own, covariance) = self.view(i)?;
+            let mut curves = Vec::new();
+            for (k, part) in self.sketches[i].parts.iter().enumerate() {
+                let name = |what: &str| format!("{what} of contour {} ({})", k + 1, part.kind);
+                let (theta, _) = self.sketches[i]
+                    .contour(k, &own, &covariance)
+                    .map_err(|e| e.in_context(format!("the {} view", kind.name())))?;
+                for (curve, what) in outline(&part.kind, &theta)
+                    .map_err(|e| e.in_context(format!("the {} view, contour {} ({})", kind.name(), k + 1, part.kind)))?
+                {
+                    curves.push(DrawnCurve {
+                        curve,
+                        style: LineStyle::Visible,
+                        entity: name(&what),
+                    });
+                }
+            }
+            drawing.views.push(View { kind: *kind, curves });
+        }
+        Ok(drawing)
+    }
+}
+
+/// The curves of a contour, each with its name.
+fn outline(kind: &Kind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
+    if let Kind::Circle = kind {
+        let circle = Curve2::Arc {
+            center: [theta[0], theta[1]],
+            radius: theta[2],
+            start: 0.0,
+            sweep: TAU,
+        };
+        return Ok(vec![(circle, "the whole".to_owned())]);
+    }
+    if matches!(kind, Kind::Ellipse | Kind::Line) {
+        return Err(Error::unsupported(
+            "needed circles, and outlines of lines and arcs, of which solids of planes and cylinders are made",
+        ));
+    }
+    let Some(outline) = kind.outline(theta) else {
+        return Ok(Vec::new());
+    };
+    let count = outline.vertices.len();
+    let curves = outline.bulges.iter().enumerate().map(|(i, &bulge)| {
+        let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);
+        let name = format!("side {}", i + 1);
+        if bulge == 0.0 {
+            return (Curve2::Segment(a, b), name);
+        }
+        let (center, radius) = arc_circle(a, b, bulge);
+        // Arcs of a view run counter-clockwise.
+        let from = if bulge > 0.0 { a } else { b };
+        let arc = Curve2::Arc {
+            center,
+            radius,
+            start: (from[1] - center[1]).atan2(from[0] - center[0]),
+            sweep: 4.0 * bulge.abs().atan(),
+        };
+        (arc, name)
+    });
+    Ok(curves.collect())
+}
