@@ -67,7 +67,7 @@ pub struct ImplicitFit {
 /// The state that minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`: most likely readings on the equation, each at its own place.
 ///
 /// `s_i` is the [`signed_distance`] at `x`, so that misclosures are those at the corrected readings. Levenberg–Marquardt with the
-/// shared noise eliminated group by group; then, where asked, solves `Σ w h (s − E[s]) = 0`. That second equation has no
+/// shared noise eliminated group by group; then, where asked, solves `Σ w (hᵀ (s − b) − c) = 0` with [`curvature_bias`]'s `b` and `c`. That second equation has no
 /// objective: its few steps are taken as they come, and given up where they grow. Bias from *shared* noise is not corrected.
 /// Cost a step: four gradients and `n²` a reading.
 ///
@@ -145,6 +145,14 @@ struct Batch<'a, R> {
     dimension: usize,
     options: ImplicitOptions,
     at: Normalized,
+}
+
+/// What [`curvature_bias`] says of all readings.
+struct Biases {
+    /// Of each distance.
+    distances: Vec<f64>,
+    /// Of the scores of each group, summed up.
+    rows: Vec<DVector<f64>>,
 }
 
 /// A state with everything that belongs to it.
@@ -230,7 +238,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
     }
 
     /// Distances, objective and normal equations at a point; with the biases to take off, where given.
-    fn evaluate(&mut self, point: &mut Point, biases: Option<&[f64]>) {
+    fn evaluate(&mut self, point: &mut Point, biases: Option<&Biases>) {
         let (n, q) = (self.dimension, self.size);
         let m = n + q;
         let mut x = [0.0; MOST_STATE];
@@ -274,7 +282,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     point.loss += self.options.loss.rho(30.0);
                     continue;
                 }
-                let distance = self.at.distance - biases.map_or(0.0, |b| b[i]);
+                let distance = self.at.distance - biases.map_or(0.0, |b| b.distances[i]);
                 let weight = self.options.loss.weight(distance);
                 point.distances[i] = distance;
                 point.weights[i] = weight;
@@ -290,6 +298,9 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 }
             }
             full.fill_upper_triangle_with_lower_triangle();
+            if let Some(biases) = biases {
+                right -= &biases.rows[group];
+            }
             self.eliminate(point, &full, &right);
         }
     }
@@ -363,22 +374,27 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         (self.options.max_iterations, Termination::Limit)
     }
 
-    fn biases(&mut self, point: &Point) -> Vec<f64> {
-        let (n, q) = (self.dimension, self.size);
+    fn biases(&mut self, point: &Point) -> Biases {
+        let m = self.dimension + self.size;
         let mut x = [0.0; MOST_STATE];
-        x[..n].copy_from_slice(point.state.as_slice());
-        let mut biases = vec![0.0; self.readings.len()];
+        x[..self.dimension].copy_from_slice(point.state.as_slice());
+        let mut biases = Biases {
+            distances: vec![0.0; self.readings.len()],
+            rows: vec![DVector::zeros(m); self.members.len()],
+        };
+        let origin = [0.0; MOST_NOISE];
+        let mut row_bias = [0.0; MOST_STATE];
         for (group, members) in self.members.iter().enumerate() {
-            x[n..n + q].copy_from_slice(point.shared[group].as_slice());
+            x[self.dimension..m].copy_from_slice(point.shared[group].as_slice());
             for &i in members {
                 let reading = &self.readings[i];
                 let p = reading.noise();
-                let noise = &point.noises[i][..p];
-                let origin = [0.0; MOST_NOISE];
-                if point.distances[i].is_finite()
-                    && self.at.at(reading, point.branches[i], &x[..n + q], noise, &origin[..p])
-                {
-                    biases[i] = curvature_bias(reading, point.branches[i], &x[..n + q], noise, &self.at);
+                let (branch, noise) = (point.branches[i], &point.noises[i][..p]);
+                if point.distances[i].is_finite() && self.at.at(reading, branch, &x[..m], noise, &origin[..p]) {
+                    biases.distances[i] = curvature_bias(reading, branch, &x[..m], noise, &self.at, &mut row_bias[..m]);
+                    for (sum, value) in biases.rows[group].iter_mut().zip(&row_bias[..m]) {
+                        *sum += point.weights[i] * value;
+                    }
                 }
             }
         }

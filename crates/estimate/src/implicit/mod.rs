@@ -19,7 +19,7 @@ mod bias;
 mod filter;
 
 pub use batch::{ImplicitFit, ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
-pub use bias::curvature_bias;
+pub use bias::{NoiseHessian, curvature_bias};
 pub use filter::{ImplicitInnovation, ImplicitUpdate};
 
 /// Most whitened noise components of a reading: a ray in space has seven.
@@ -51,6 +51,12 @@ pub trait ImplicitReading {
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
+    }
+
+    /// Fills `∂²g/∂u²` of a branch, or returns false: it is then taken by differences of the gradient.
+    fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
+        let _ = (branch, x, u, hessian);
+        false
     }
 
     /// Variance of `g` beyond `|∂g/∂u|²`, where its second derivatives matter: what bounds the weight of a product of facets

@@ -37,6 +37,46 @@ pub(crate) fn distance(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2], by
     }
 }
 
+/// `∂²g/∂p²` of the distance to the carrier of a piece: `[xx, xy, yy]`.
+pub(crate) fn distance_hessian(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> [f64; 3] {
+    match kind {
+        Kind::Line => [0.0; 3],
+        Kind::Circle => round_hessian([theta[0], theta[1]], 1.0, p),
+        Kind::Ellipse => {
+            let (a, b) = (theta[2], theta[3]);
+            let (sin, cos) = theta[4].sin_cos();
+            let d = [p[0] - theta[0], p[1] - theta[1]];
+            let scaled = [(cos * d[0] + sin * d[1]) / a, (cos * d[1] - sin * d[0]) / b];
+            let length = scaled[0].hypot(scaled[1]);
+            // √(ab) (I − q qᵀ) / |q| in the scaled plane, of unit q = scaled/|scaled|, is a single square.
+            let factor = (a * b).sqrt() / length.powi(3);
+            let w = [scaled[1] / a, -scaled[0] / b];
+            let world = [cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]];
+            [
+                factor * world[0] * world[0],
+                factor * world[0] * world[1],
+                factor * world[1] * world[1],
+            ]
+        }
+        _ => {
+            let bulge = kind.bulge(theta, piece).0;
+            if bulge == 0.0 {
+                return [0.0; 3];
+            }
+            let (from, to) = ends(kind, piece);
+            let (center, _) = arc_circle(kind.vertex(theta, from), kind.vertex(theta, to), bulge);
+            round_hessian(center, bulge.signum(), p)
+        }
+    }
+}
+
+fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
+    let d = [p[0] - center[0], p[1] - center[1]];
+    let squared = d[0] * d[0] + d[1] * d[1];
+    let factor = side / (squared * squared.sqrt());
+    [factor * d[1] * d[1], -factor * d[0] * d[1], factor * d[0] * d[0]]
+}
+
 /// How far a point lies beyond the ends of a piece, along it.
 pub(crate) fn beyond(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
     if kind.pieces() == 1 && !matches!(kind, Kind::Chain { .. }) {

@@ -3,7 +3,7 @@
 use super::sighting::{ContourReading, Setting};
 use super::*;
 use nalgebra::DVector;
-use planish_estimate::implicit::ImplicitReading;
+use planish_estimate::implicit::{ImplicitReading, MOST_NOISE};
 use planish_estimate::{ChiSquareMean, normalized_squared};
 
 const SENSOR: SensorOptions = SensorOptions {
@@ -105,6 +105,26 @@ fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name
             (difference - stated).abs() < 1e-6 * (1.0 + stated.abs()),
             "{name}, {k}: {stated} for {difference}"
         );
+    }
+    let mut hessian = [[0.0; MOST_NOISE]; MOST_NOISE];
+    if !reading.noise_hessian(branch, x, u, &mut hessian) {
+        return;
+    }
+    for j in 0..u.len() {
+        let moved = |sign: f64| {
+            let mut u = u.to_vec();
+            u[j] += sign * step;
+            value(x, &u).2
+        };
+        let (up, down) = (moved(1.0), moved(-1.0));
+        for i in 0..u.len() {
+            let difference = (up[i] - down[i]) / (2.0 * step);
+            assert!(
+                (difference - hessian[i][j]).abs() < 1e-6,
+                "{name}, second {i} {j}: {} for {difference}",
+                hessian[i][j]
+            );
+        }
     }
 }
 
