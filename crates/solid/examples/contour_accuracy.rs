@@ -57,16 +57,24 @@ fn main() {
                 write_dump(folder, &kind, &truth, n, runs, &sensor);
             }
             let all = [
-                ("ekf", Method::Extended, false),
-                ("iekf", Method::Iterated, false),
-                ("nuiekf", Method::NoiseUpdated, true),
-                ("batch", Method::Batch, true),
-                ("batch-uncorrected", Method::Batch, false),
+                ("ekf", Method::Extended, false, None),
+                ("iekf", Method::Iterated, false, None),
+                ("nuiekf", Method::NoiseUpdated, true, None),
+                ("batch", Method::Batch, true, None),
+                ("batch-uncorrected", Method::Batch, false, None),
+                ("nuiekf-margin", Method::NoiseUpdated, true, Some(2.0)),
+                ("batch-margin", Method::Batch, true, Some(2.0)),
             ];
-            for (name, method, correct_bias) in all.into_iter().filter(|m| has(&methods, m.0)) {
+            // Few readings all count.
+            let has_corners = matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_)) && n > 50;
+            for (name, method, correct_bias, corner_margin) in all
+                .into_iter()
+                .filter(|m| has(&methods, m.0) && (m.3.is_none() || has_corners))
+            {
                 let options = FitOptions {
                     method,
                     gate: None,
+                    corner_margin,
                     correct_bias,
                     ..FitOptions::default()
                 };

@@ -24,6 +24,9 @@ pub struct ImplicitOptions {
     pub loss: Loss,
     /// Whether the mean that curvature causes is taken off each distance at the end.
     pub correct_bias: bool,
+    /// Readings nearer to the ends of their branch than so many standard deviations, at the optimum of all, are then left
+    /// out: which branch they are of is not certain, and the likelier one is a biased choice.
+    pub margin: Option<f64>,
     /// The most steps tried.
     pub max_iterations: usize,
     /// Converged when a step is shorter than this many posterior standard deviations.
@@ -35,6 +38,7 @@ impl Default for ImplicitOptions {
         Self {
             loss: Loss::Gaussian,
             correct_bias: true,
+            margin: None,
             max_iterations: 60,
             step_tolerance: 1e-5,
         }
@@ -52,11 +56,11 @@ pub struct ImplicitFit {
     pub distances: Vec<f64>,
     /// The branch that each reading is on.
     pub branches: Vec<usize>,
-    /// The loss's weight of each reading; 0 where it has no distance.
+    /// The loss's weight of each reading; 0 where it has no distance, or was left out.
     pub weights: Vec<f64>,
     /// Whitened shared noise of each group.
     pub shared: Vec<DVector<f64>>,
-    /// `Σ ρ(s) + ½ Σ |shared|²`, before the bias correction.
+    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before any are left out near ends.
     pub loss: f64,
     /// Steps tried.
     pub iterations: usize,
@@ -93,6 +97,11 @@ pub fn fit_implicit<R: ImplicitReading>(
     }
     let (iterations, mut termination) = batch.descend(&mut point);
     let loss = point.loss;
+    if let Some(margin) = options.margin
+        && termination != Termination::Undetermined
+    {
+        batch.leave_out(&mut point, margin);
+    }
     if options.correct_bias && termination != Termination::Undetermined {
         batch.correct(&mut point);
     }
@@ -144,6 +153,8 @@ struct Batch<'a, R> {
     size: usize,
     dimension: usize,
     options: ImplicitOptions,
+    /// Readings that do not count, by their place near an end.
+    left_out: Vec<bool>,
     at: Normalized,
 }
 
@@ -215,6 +226,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             size,
             dimension,
             options,
+            left_out: vec![false; readings.len()],
             at: Normalized::new(),
         })
     }
@@ -283,8 +295,12 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     continue;
                 }
                 let distance = self.at.distance - biases.map_or(0.0, |b| b.distances[i]);
-                let weight = self.options.loss.weight(distance);
                 point.distances[i] = distance;
+                if self.left_out[i] {
+                    point.weights[i] = 0.0;
+                    continue;
+                }
+                let weight = self.options.loss.weight(distance);
                 point.weights[i] = weight;
                 point.loss += self.options.loss.rho(distance);
                 point.used += 1;
@@ -372,6 +388,39 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             }
         }
         (self.options.max_iterations, Termination::Limit)
+    }
+
+    /// Leaves out readings near the ends of their branches, and searches anew; all stay where the rest does not determine
+    /// the state.
+    fn leave_out(&mut self, point: &mut Point, margin: f64) {
+        let m = self.dimension + self.size;
+        let mut x = [0.0; MOST_STATE];
+        for _ in 0..3 {
+            let mut next = vec![false; self.readings.len()];
+            x[..self.dimension].copy_from_slice(point.state.as_slice());
+            for (group, members) in self.members.iter().enumerate() {
+                x[self.dimension..m].copy_from_slice(point.shared[group].as_slice());
+                for &i in members {
+                    let reading = &self.readings[i];
+                    let noise = &point.noises[i][..reading.noise()];
+                    next[i] =
+                        point.distances[i].is_finite() && reading.margin(point.branches[i], &x[..m], noise) < margin;
+                }
+            }
+            if next == self.left_out {
+                return;
+            }
+            let before = std::mem::replace(&mut self.left_out, next);
+            let mut trial = point.clone();
+            self.evaluate(&mut trial, None);
+            let (_, termination) = self.descend(&mut trial);
+            if termination == Termination::Undetermined || ScaledCholesky::new(&trial.normal).is_err() {
+                self.left_out = before;
+                self.evaluate(point, None);
+                return;
+            }
+            *point = trial;
+        }
     }
 
     fn biases(&mut self, point: &Point) -> Biases {

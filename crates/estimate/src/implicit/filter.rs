@@ -17,6 +17,8 @@ pub struct ImplicitUpdate {
     pub tolerance: f64,
     /// A reading whose innovation exceeds this many standard deviations is left out.
     pub gate: Option<f64>,
+    /// A reading nearer to the end of its branch than so many standard deviations is left out: it may be of the next one.
+    pub margin: Option<f64>,
     /// What an innovation is charged; its weight divides the reading's variance.
     pub loss: Loss,
 }
@@ -31,6 +33,7 @@ impl ImplicitUpdate {
             max_iterations: 1,
             tolerance: 1e-4,
             gate: None,
+            margin: None,
             loss: Loss::Gaussian,
         }
     }
@@ -163,8 +166,16 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        if options.relinearization != Relinearization::StateAndNoise {
+            for k in 0..p {
+                u[k] = at.normal[k] * at.distance;
+            }
+        }
+        let near_end = options
+            .margin
+            .is_some_and(|m| reading.margin(branch, &x[..n], &u[..p]) < m);
         let weight = options.loss.weight(length);
-        if weight <= 0.0 || !innovation.residual.is_finite() {
+        if near_end || weight <= 0.0 || !innovation.residual.is_finite() {
             innovation.accepted = false;
             return Ok(innovation);
         }

@@ -1,6 +1,6 @@
 //! A reading of a contour as an implicit equation.
 
-use super::curve::{beyond, distance, distance_hessian};
+use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
 use super::kind::Kind;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 
@@ -228,6 +228,16 @@ impl ContourReading<'_> {
         )
     }
 
+    /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
+    fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
+        let [xx, xy, yy] = self.sighting.covariance();
+        let mut by_theta = [0.0; MOST_STATE];
+        let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
+        let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
+        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
+        ((xx * yy - xy * xy).max(f64::MIN_POSITIVE) / across).sqrt()
+    }
+
     /// `g` of a body point with `∂g/∂p`; `∂g/∂θ` into `by_theta`.
     fn contour(&self, branch: usize, theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> (f64, [f64; 2]) {
         let kind = &self.setting.kind;
@@ -354,14 +364,39 @@ impl ImplicitReading for ContourReading<'_> {
         if length <= 0.0 {
             return 0.0;
         }
-        // The variance along the piece of a point that is held to it: det C / nᵀCn.
+        let sigma = self.sigma_along(branch, &x[..k], p, [cos, sin]);
+        (length / sigma).powi(2)
+    }
+
+    fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
+        if self.setting.shared_poses {
+            // A reading's own noise is along its ray only.
+            return None;
+        }
+        let k = self.setting.kind.parameters();
+        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
         let [xx, xy, yy] = self.sighting.covariance();
-        let mut by_theta = [0.0; MOST_STATE];
-        let n = distance(&self.setting.kind, &x[..k], branch, p, &mut by_theta[..k]).by_point;
-        let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
-        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
-        let determinant = xx * yy - xy * xy;
-        length * length * across / determinant.max(f64::MIN_POSITIVE)
+        // In the frame of the body.
+        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
+        let turned = [
+            square * xx - 2.0 * both * xy + product * yy,
+            both * (xx - yy) + (square - product) * xy,
+            product * xx + 2.0 * both * xy + square * yy,
+        ];
+        nearest_piece(&self.setting.kind, &x[..k], p, turned)
+    }
+
+    fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        if self.setting.form == Form::Product {
+            return f64::INFINITY;
+        }
+        let k = self.setting.kind.parameters();
+        let (p, turn, _) = self.carried_back(x, self.place(x, u).point);
+        let length = within(&self.setting.kind, &x[..k], branch, p);
+        if length.is_infinite() {
+            return length;
+        }
+        length / self.sigma_along(branch, &x[..k], p, turn)
     }
 
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {

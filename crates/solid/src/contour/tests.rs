@@ -224,6 +224,34 @@ fn kinds_are_told_apart_where_the_noise_allows() {
 }
 
 #[test]
+fn readings_near_corners_do_not_widen_a_rectangle() {
+    // Noise of 2 % and 2°: the width is 1.2 σ too large where all readings count for the side that is nearer.
+    let sensor = SensorOptions {
+        sigma: [0.02, 0.02, 0.035, 0.0],
+        sigma_range_share: 0.01,
+        ..SENSOR
+    };
+    let truth = [0.1, -0.2, 1.6, 1.2, 0.5];
+    let runs = 24;
+    let mean_of = |corner_margin| {
+        let options = FitOptions {
+            gate: None,
+            corner_margin,
+            ..FitOptions::default()
+        };
+        let one = |run| {
+            let made = ranges(&Kind::Rectangle, &truth, [0.1, -0.2], 800, &sensor, run);
+            let found = fit(&Kind::Rectangle, &made.noisy, &options).expect("a fit");
+            let (theta, from) = Kind::Rectangle.canonical(found.state.as_slice());
+            (theta[2] - truth[2]) / found.covariance[(from[2].0, from[2].0)].sqrt()
+        };
+        (0..runs).map(one).sum::<f64>() / runs as f64
+    };
+    let (all, kept) = (mean_of(None), mean_of(FitOptions::default().corner_margin));
+    assert!(all > 0.8 && kept.abs() < 0.6, "{all} {kept}");
+}
+
+#[test]
 fn parts_and_holes_are_told_apart() {
     let (outer, inner) = (vec![0.0, 0.0, 2.0, 1.6, 0.3], vec![0.0, 0.0, 0.3]);
     let mut all = points(&Kind::Rectangle, &outer, 400, 0.01, 1).noisy;
