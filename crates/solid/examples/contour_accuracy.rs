@@ -159,31 +159,27 @@ fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
     );
 }
 
-/// The readings of every run, for other programs: one CSV a contour and number of readings.
+/// The readings of every run with and without their errors, for other programs: one CSV a contour and number of readings.
 fn write_dump(folder: &str, kind: &Kind, truth: &[f64], n: usize, runs: usize, sensor: &SensorOptions) {
-    let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range\n");
+    let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range");
+    text.push_str(",exact_x,exact_y,exact_heading_deg,exact_range\n");
+    let columns = |sighting: &Sighting| match sighting.target {
+        Target::Range {
+            origin,
+            heading_rad,
+            range,
+            sigma: [x, y, heading, along],
+        } => (
+            format!("{},{},{},{range}", origin[0], origin[1], heading_rad.to_degrees()),
+            format!("{x},{y},{},{along}", heading.to_degrees()),
+        ),
+        Target::Point { .. } => (String::new(), String::new()),
+    };
     for run in 0..runs {
         let made = ranges(kind, truth, [0.0; 2], n, sensor, run as u64);
-        for Sighting { target, .. } in &made.noisy {
-            if let Target::Range {
-                origin,
-                heading_rad,
-                range,
-                sigma,
-            } = target
-            {
-                let _ = writeln!(
-                    text,
-                    "{run},{},{},{},{range},{},{},{},{}",
-                    origin[0],
-                    origin[1],
-                    heading_rad.to_degrees(),
-                    sigma[0],
-                    sigma[1],
-                    sigma[2].to_degrees(),
-                    sigma[3]
-                );
-            }
+        for (noisy, exact) in made.noisy.iter().zip(&made.exact) {
+            let (read, sigma) = columns(noisy);
+            let _ = writeln!(text, "{run},{read},{sigma},{}", columns(exact).0);
         }
     }
     if let Err(e) = std::fs::write(format!("{folder}/{kind}-{n}.csv"), text) {
