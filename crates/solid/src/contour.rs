@@ -34,6 +34,7 @@ pub use kind::{Kind, Outline};
 pub use parts::{contains, separate};
 pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
+pub(crate) use start::circle as circle_of_points;
 pub use start::starts;
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! Contours with their covariance, geometric constraints, views, and the solids that they mean.
 //!
-//! Five parts, each usable by itself:
+//! Six parts, each usable by itself:
 //!
 //! | module | what |
 //! |---|---|
 //! | [`contour`] | which shape a ranging sensor of uncertain pose saw, its dimensions and their covariance |
+//! | [`primitive`] | planes, spheres, cylinders and boxes from rays in space |
 //! | [`constraint`] | what holds between the parts of a drawing: found, imposed, counted |
 //! | [`graph`] | the graphs of those constraints, of several views together, and tours through them |
 //! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: made, checked, tessellated |
@@ -17,4 +18,5 @@ pub mod brep;
 pub mod constraint;
 pub mod contour;
 pub mod graph;
+pub mod primitive;
 pub mod views;
