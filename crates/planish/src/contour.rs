@@ -5,7 +5,9 @@
 //! readings of one part; `gap` says where that is.
 
 mod levels;
+mod picture;
 mod report;
+mod space;
 
 pub use levels::{LevelRelation, Relation};
 pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
@@ -20,6 +22,7 @@ use planish_exchange::contours::{
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
+pub use planish_solid::primitive::Shape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -29,10 +32,12 @@ const LEAST_READINGS: usize = 8;
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourJob {
-    /// CSV of readings, or a CARMEN log.
+    /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
     pub input: PathBuf,
     /// Kinds to try; empty for all, chains of lines and arcs included.
     pub kinds: Vec<Kind>,
+    /// Shapes in space to try, for readings in space; none for contours.
+    pub shapes: Vec<Shape>,
     /// How to fit.
     pub fit: FitOptions,
     /// σ where the file has none.
@@ -43,6 +48,8 @@ pub struct ContourJob {
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
+    /// Side of a picture's pixels, where the readings are the edges of one; 1 where it is not given.
+    pub pixel: Option<f64>,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
 }
@@ -70,10 +77,20 @@ pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<Contou
         refuse_input_as_output(output, std::slice::from_ref(&job.input))?;
         check_writable(output)?;
     }
+    if !job.shapes.is_empty() {
+        return space::shape_files(job, progress);
+    }
     progress.check("reading", 0.0)?;
-    let read = read_contour_readings(&job.input, &job.sigma, &job.carmen)?;
-    let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let mut warnings = Vec::new();
+    let read = if picture::is_picture(&job.input) {
+        if job.pixel.is_none() {
+            warnings.push("lengths are in pixels: give --pixel-size for others".to_owned());
+        }
+        picture::edges_of(&job.input, job.pixel.unwrap_or(1.0))?
+    } else {
+        read_contour_readings(&job.input, &job.sigma, &job.carmen)?
+    };
+    let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
     let report = report::report(&read, &parts, unit, warnings);
     progress.check(WRITING_STAGE, 0.95)?;
@@ -195,11 +212,12 @@ fn write(
                 .collect();
             write_contours_svg(path, drawn, &points)
         }
-        _ => {
-            let text = serde_json::to_string_pretty(report).map_err(|e| {
-                Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
-            })?;
-            write_atomically(path, |out| writeln!(out, "{text}"))
-        }
+        _ => write_json(path, report),
     }
+}
+
+fn write_json(path: &Path, report: &ContourReport) -> Result<()> {
+    let text = serde_json::to_string_pretty(report)
+        .map_err(|e| Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
 }
