@@ -4,8 +4,8 @@ use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice,
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport, Relation,
-    SigmaDefaults, contour_files,
+    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport, Relation, SigmaDefaults,
+    contour_files,
 };
 use planish::progress::Progress;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
