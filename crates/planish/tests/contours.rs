@@ -90,7 +90,7 @@ fn a_plate_with_holes_is_told_as_one() {
     write_points(&path, &[(0.0, [plate, left, right].concat())]);
     let report = contour_files(
         &ContourJob {
-            gap: Some(3.0),
+            gap: Some(5.0),
             ..job(path, &[])
         },
         &Silent,

@@ -113,8 +113,12 @@ fn rigid(runs: u64, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions) {
         let made = ranges(kind, theta, [0.1, -0.2], 200, sensor, seed);
         let found = fit(kind, &made.noisy, &options).ok()?;
         // What does not depend on the pivot: axes and rate of turn.
-        let truth = [(2, theta[2]), (3, theta[3]), (7, sensor.velocity[2])];
-        let each = truth.map(|(k, value)| (found.state[k] - value) / found.covariance[(k, k)].sqrt());
+        let k = kind.parameters();
+        let (values, from) = kind.canonical(&found.state.as_slice()[..k]);
+        let sigma = |i: usize| found.covariance[(i, i)].sqrt();
+        let axis = |i: usize| (values[i] - theta[i]) / sigma(from[i].0);
+        let turn = (found.state[k + 2] - sensor.velocity[2]) / sigma(k + 2);
+        let each = [axis(2), axis(3), turn];
         Some(each.to_vec())
     });
 }
