@@ -8,7 +8,9 @@ use planish_estimate::{KalmanFilter, Result, Termination};
 
 /// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn apart.
 pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
+    // Some on every side: a filter does not find its way back from a wrong phase.
     let wanted = (4 * setting.unknowns())
+        .max(8 * setting.kind.pieces())
         .max(12)
         .min(sightings.len() / 2)
         .max(setting.unknowns());
