@@ -1,6 +1,6 @@
 //! Error and coverage of everything beside a still contour seen by ranges: a line each, as CSV on stdout.
 //!
-//! `cargo run --release -p planish-solid --example contour_lines [runs]`
+//! `cargo run --release -p planish-solid --example contour_lines [runs] [part of a line's name]`
 //!
 //! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of errors within 1.96 σ.
 
@@ -171,7 +171,17 @@ fn in_space(runs: u64) {
                 let found = primitive::fit(shape, &made.noisy, &options).ok()?;
                 // Where on its axis a cylinder's point is depends on the readings.
                 let first = if shape == Shape::Cylinder { 3 } else { 0 };
-                let error = |k: usize| (found.parameters[k] - truth[k]) / found.covariance[(k, k)].sqrt();
+                // Of a direction the sign is a matter of convention.
+                let sign = |k: usize| {
+                    let first = match shape {
+                        Shape::Plane => 0,
+                        Shape::Box if k >= 6 => k - k % 3,
+                        _ => return 1.0,
+                    };
+                    let along: f64 = (first..first + 3).map(|i| found.parameters[i] * truth[i]).sum();
+                    along.signum()
+                };
+                let error = |k: usize| (sign(k) * found.parameters[k] - truth[k]) / found.covariance[(k, k)].sqrt();
                 Some((first..truth.len()).map(error).collect())
             });
         }
@@ -179,6 +189,9 @@ fn in_space(runs: u64) {
 }
 
 fn table(name: &str, readings: usize, runs: u64, one: impl Fn(u64) -> Errors + Sync) {
+    if std::env::args().nth(2).is_some_and(|part| !name.contains(&part)) {
+        return;
+    }
     let all: Vec<Errors> = (0..runs).into_par_iter().map(&one).collect();
     let good: Vec<&Vec<f64>> = all.iter().flatten().collect();
     let count = good.len() as f64;
