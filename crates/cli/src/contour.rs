@@ -5,8 +5,8 @@ use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice,
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Method, Motion, PartReport,
-    Relation, SigmaDefaults, contour_files,
+    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport, Relation,
+    SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
 use planish::simulate::{ReadingsOptions, ViewsOptions, write_readings_scene, write_views_scene};
@@ -29,14 +29,25 @@ pub fn run(args: &ContourArgs) -> u8 {
 }
 
 fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let chosen = |choice: &KindChoice| match choice {
-        KindChoice::Auto => None,
-        KindChoice::Of(kind) => Some(kind.clone()),
-    };
-    let kinds: Option<Vec<Kind>> = args.kind.iter().map(chosen).collect();
+    let mut kinds = Vec::new();
+    let mut shapes = Vec::new();
+    for choice in &args.kind {
+        match choice {
+            KindChoice::Auto => {}
+            KindChoice::Of(kind) => kinds.push(kind.clone()),
+            KindChoice::InSpace(shape) => shapes.push(*shape),
+        }
+    }
+    let all = args.kind.contains(&KindChoice::Auto);
+    if !shapes.is_empty() && shapes.len() < args.kind.len() {
+        return Err(Error::input(
+            "--kind names shapes in space and contours in the plane: readings are either of the one or of the other",
+        ));
+    }
     let job = ContourJob {
         input: args.readings.clone(),
-        kinds: kinds.unwrap_or_default(),
+        kinds: if all { Vec::new() } else { kinds },
+        shapes,
         fit: FitOptions {
             method: match args.filter {
                 ContourFilter::Batch => Method::Batch,
@@ -51,6 +62,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 ContourMotion::Rigid => Motion::Rigid,
             },
             gate: (args.gate > 0.0).then_some(args.gate),
+            corner_margin: (args.corner_margin > 0.0).then_some(args.corner_margin),
             ..FitOptions::default()
         },
         sigma: SigmaDefaults {
@@ -73,6 +85,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             given: args.given.clone(),
             graphs: args.graphs.clone(),
         },
+        pixel: args.pixel_size,
         outputs: args.output.clone(),
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
     };

@@ -2,7 +2,7 @@
 
 use crate::args::{CommonArgs, length, not_negative, positive, probability, share, whole};
 use clap::{Args, ValueEnum, ValueHint};
-use planish::contour::Kind;
+use planish::contour::{Kind, Shape};
 use planish::next::Length;
 use std::path::PathBuf;
 
@@ -11,25 +11,28 @@ Examples:
   planish simulate scene readings --shape rectangle --out seen
   planish contour seen/readings.csv --kind auto -o contour.json -o contour.dxf -o contour.svg
   planish contour seen/readings.csv --constrain --snap 0.5mm -o contour.json --graphs graphs.dot
+  planish contour rays.csv --kind cylinder --kind box -o shape.json
+  planish contour part.png --pixel-size 0.05 --kind circle -o hole.json
   planish contour robot.log.gz --scan 40 --region 0,0,4,3 --gap 0.3 -o room.dxf
 
 Readings are CSV with a header: x,y,heading_deg,range (a pose, its heading counter-clockwise from +x, what the sensor read) and \
 optionally sigma_x,sigma_y,sigma_heading_deg,sigma_range,pose_id,time,level; rows of one pose_id share the error of one pose, and each level is a contour of its own. \
-Points from overhead, or on edges of a picture, are x,y and sigma. CARMEN logs (FLASER) are read as they are, in metres. \
+Points from overhead are x,y and sigma. Readings in space have x,y,z,azimuth_deg,elevation_deg,range (the azimuth counter-clockwise from +x, the elevation upwards), optionally with \
+sigma_x,sigma_y,sigma_z,sigma_azimuth_deg,sigma_elevation_deg,sigma_range; or x,y,z and sigma. Of a picture the readings are its edges, x to the right and y upwards. CARMEN logs (FLASER) are read as they are, in metres. \
 The .json holds kind, parameters with σ and covariance, the margin by which the kind was chosen, and all parts and holes.";
 
 /// Arguments of `planish contour`.
 #[derive(Debug, Args)]
 #[command(after_help = CONTOUR_EXAMPLES)]
 pub struct ContourArgs {
-    /// CSV of readings, or a CARMEN log; either may be compressed by gzip
+    /// CSV of readings, or a CARMEN log, either of which may be compressed by gzip; or a picture (.png, .jpg) of the thing
     #[arg(value_name = "READINGS", value_hint = ValueHint::FilePath)]
     pub readings: PathBuf,
     /// File to write; may be repeated: .json, .dxf, .svg
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N corners; may be
-    /// repeated: then the best of these
+    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N corners; in space
+    /// plane3, sphere, cylinder, box; may be repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
     /// How: all readings at once (batch), or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
@@ -38,6 +41,9 @@ pub struct ContourArgs {
     /// Readings farther than this many σ from the contour are left out; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub gate: f64,
+    /// Readings nearer to a corner of a rectangle or polygon than this many σ do not count: which side they are of is not sure; 0 keeps all
+    #[arg(long, value_name = "SIGMAS", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true)]
+    pub corner_margin: f64,
     /// Readings farther apart than this belong to different parts [default: from their number and extent]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub gap: Option<f64>,
@@ -75,6 +81,9 @@ pub struct ContourArgs {
     /// σ of its range [default: of logs 0.03 m; else it must be in the file]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Sensor")]
     pub sigma_range: Option<f64>,
+    /// Side of a pixel, where the file is a picture taken squarely [default: lengths are in pixels]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Sensor")]
+    pub pixel_size: Option<f64>,
     /// σ of points, in x and in y
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Sensor")]
     pub sigma_point: Option<f64>,
@@ -102,6 +111,8 @@ pub enum KindChoice {
     Auto,
     /// This one.
     Of(Kind),
+    /// This one, in space.
+    InSpace(Shape),
 }
 
 /// How readings are taken in.
@@ -204,6 +215,9 @@ fn kind(text: &str) -> Result<KindChoice, String> {
             .and_then(|n| n.parse::<usize>().ok())
             .filter(|n| (3..=40).contains(n))
     };
+    if let Some(shape) = Shape::ALL.into_iter().find(|shape| shape.to_string() == text) {
+        return Ok(KindChoice::InSpace(shape));
+    }
     Ok(KindChoice::Of(match text {
         "line" => Kind::Line,
         "circle" => Kind::Circle,
@@ -216,7 +230,7 @@ fn kind(text: &str) -> Result<KindChoice, String> {
             (_, Some(n)) => Kind::Polygon(n),
             _ => {
                 return Err("needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N \
-                            with N from 3 to 40"
+                            with N from 3 to 40; or in space plane3, sphere, cylinder, box"
                     .to_owned());
             }
         },

@@ -164,6 +164,11 @@ impl KalmanFilter {
         &self.covariance
     }
 
+    /// Mean and covariance, for updates that keep the latter symmetric and positive semidefinite themselves.
+    pub(crate) fn parts_mut(&mut self) -> (&mut DVector<f64>, &mut DMatrix<f64>) {
+        (&mut self.mean, &mut self.covariance)
+    }
+
     /// Carries the state through `x ← F x + w`, `w ~ N(0, Q)`: `P ← F P Fᵀ + Q`.
     ///
     /// `F` may have more or fewer rows than the state has components.

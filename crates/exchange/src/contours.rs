@@ -3,6 +3,7 @@
 //! | format | |
 //! |---|---|
 //! | CSV with a header | `x,y,heading_deg,range` and their σ, or points `x,y` with `sigma`; in |
+//! | CSV in space | `x,y,z,azimuth_deg,elevation_deg,range` and their σ, or points `x,y,z` with `sigma`; in |
 //! | CARMEN log | `FLASER` lines of planar lasers, in metres; in |
 //! | JSON | contours with their covariance, as `planish contour` writes them; in |
 //! | DXF | LINE, ARC, CIRCLE, ELLIPSE and LWPOLYLINE on layer VISIBLE; out |
@@ -11,12 +12,14 @@
 mod carmen;
 mod dxf;
 mod json;
+mod rays;
 mod readings;
 mod svg;
 
 pub use carmen::CarmenOptions;
 pub use dxf::write_contours_dxf;
 pub use json::{ContourFile, read_contour_json};
+pub use rays::{RAY_COLUMNS, read_ray_readings};
 pub use readings::{COLUMNS, ContourReadings, SigmaDefaults, read_contour_readings};
 pub use svg::write_contours_svg;
 

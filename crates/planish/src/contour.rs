@@ -6,7 +6,9 @@
 
 mod constrained;
 mod levels;
+mod picture;
 mod report;
+mod space;
 
 pub use constrained::{
     ConstrainJob, ConstrainedContour, ConstrainedReport, ImposedConstraint, ReportedDependence, ReportedFreedoms,
@@ -27,6 +29,7 @@ use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_solid::constraint::SnapOutcome;
 use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
+pub use planish_solid::primitive::Shape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -36,10 +39,12 @@ const LEAST_READINGS: usize = 8;
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourJob {
-    /// CSV of readings, or a CARMEN log.
+    /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
     pub input: PathBuf,
     /// Kinds to try; empty for all, chains of lines and arcs included.
     pub kinds: Vec<Kind>,
+    /// Shapes in space to try, for readings in space; none for contours.
+    pub shapes: Vec<Shape>,
     /// How to fit.
     pub fit: FitOptions,
     /// σ where the file has none.
@@ -52,6 +57,8 @@ pub struct ContourJob {
     pub outputs: Vec<PathBuf>,
     /// What to find and impose between the contours.
     pub constrain: ConstrainJob,
+    /// Side of a picture's pixels, where the readings are the edges of one; 1 where it is not given.
+    pub pixel: Option<f64>,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
 }
@@ -84,10 +91,25 @@ pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<Contou
         refuse_input_as_output(graphs, std::slice::from_ref(&job.input))?;
         check_writable(graphs)?;
     }
+    if !job.shapes.is_empty() {
+        if job.constrain.is_asked_for() {
+            return Err(Error::unsupported(
+                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do not go together with shapes in space",
+            ));
+        }
+        return space::shape_files(job, progress);
+    }
     progress.check("reading", 0.0)?;
-    let read = read_contour_readings(&job.input, &job.sigma, &job.carmen)?;
-    let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let mut warnings = Vec::new();
+    let read = if picture::is_picture(&job.input) {
+        if job.pixel.is_none() {
+            warnings.push("lengths are in pixels: give --pixel-size for others".to_owned());
+        }
+        picture::edges_of(&job.input, job.pixel.unwrap_or(1.0))?
+    } else {
+        read_contour_readings(&job.input, &job.sigma, &job.carmen)?
+    };
+    let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
     let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, warnings);
@@ -232,11 +254,12 @@ fn write(
                 .collect();
             write_contours_svg(path, drawn, &points)
         }
-        _ => {
-            let text = serde_json::to_string_pretty(report).map_err(|e| {
-                Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
-            })?;
-            write_atomically(path, |out| writeln!(out, "{text}"))
-        }
+        _ => write_json(path, report),
     }
+}
+
+fn write_json(path: &Path, report: &ContourReport) -> Result<()> {
+    let text = serde_json::to_string_pretty(report)
+        .map_err(|e| Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
 }

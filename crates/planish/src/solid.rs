@@ -16,8 +16,8 @@ use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
-pub use planish_solid::views::{Projection, ViewKind};
 use planish_solid::views::{Drawing, View, solve, views_of_sheet};
+pub use planish_solid::views::{Projection, ViewKind};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

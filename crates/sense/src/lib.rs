@@ -1,6 +1,7 @@
 //! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are of the ground.
 
 mod depth_camera;
+mod edges;
 mod ground;
 mod image;
 mod normals;
@@ -15,6 +16,7 @@ pub mod stripes;
 mod view_sensor;
 
 pub use depth_camera::DepthCamera;
+pub use edges::{EdgeOptions, EdgePoint, edge_points};
 pub use ground::{Ground, GroundOptions, classify_ground};
 pub use image::Image;
 pub use normals::{

@@ -20,6 +20,8 @@ fn main() {
         (Kind::Polygon(4), vec![-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
     ];
     println!("noise,truth,runs,found: count");
+    let begun = std::time::Instant::now();
+    let mut all = 0;
     for noise in [0.1, 0.3, 1.0] {
         for (kind, theta) in &shapes {
             let sensor = SensorOptions {
@@ -45,6 +47,12 @@ fn main() {
             }
             let said: Vec<String> = counts.iter().map(|(name, n)| format!("{name}: {n}")).collect();
             println!("{noise},{kind},{runs},{}", said.join("; "));
+            all += runs;
         }
     }
+    println!(
+        "# {:.3} s a run on {} threads",
+        begun.elapsed().as_secs_f64() * rayon::current_num_threads() as f64 / all as f64,
+        rayon::current_num_threads()
+    );
 }

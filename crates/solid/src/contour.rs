@@ -10,7 +10,7 @@
 //! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
 //! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
-//! | fit | one kind fitted by a filter or the batch, gates |
+//! | fit, recursive | one kind fitted by the batch or a filter, gates |
 //! | choose | several kinds, and the one of the least BIC |
 //! | simulated | readings of contours that are known exactly |
 //! | parts | readings of several things told apart, holes |
@@ -23,6 +23,7 @@ mod curve;
 mod fit;
 mod kind;
 mod parts;
+mod recursive;
 mod sighting;
 mod simulated;
 mod start;
@@ -34,6 +35,7 @@ pub use kind::{Kind, Outline};
 pub use parts::{contains, separate};
 pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
+pub(crate) use start::circle as circle_of_points;
 pub use start::starts;
 
 #[cfg(test)]

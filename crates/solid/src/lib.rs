@@ -1,15 +1,16 @@
 //! Contours with their covariance, geometric constraints, views, and the solids that they mean.
 //!
-//! Seven parts, each usable by itself:
+//! Eight parts, each usable by itself:
 //!
 //! | module | what |
 //! |---|---|
 //! | [`contour`] | which shape a ranging sensor of uncertain pose saw, its dimensions and their covariance |
 //! | [`sketch`] | contours with their covariance as a drawing, and back |
+//! | [`primitive`] | planes, spheres, cylinders and boxes from rays in space |
 //! | [`constraint`] | what holds between the parts of a drawing: found, imposed, counted |
 //! | [`graph`] | the graphs of those constraints, of several views together, and tours through them |
 //! | [`noisy_views`] | views with covariance matched by χ² and made one geometry |
-//! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: made, checked, tessellated |
+//! | [`brep`] | solids as faces on planes and cylinders: made, checked, measured |
 //! | [`views`] | every solid that two or three orthographic views can mean |
 //!
 //! # References
@@ -20,5 +21,6 @@ pub mod constraint;
 pub mod contour;
 pub mod graph;
 pub mod noisy_views;
+pub mod primitive;
 pub mod sketch;
 pub mod views;

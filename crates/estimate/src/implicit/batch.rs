@@ -24,6 +24,9 @@ pub struct ImplicitOptions {
     pub loss: Loss,
     /// Whether the mean that curvature causes is taken off each distance at the end.
     pub correct_bias: bool,
+    /// Readings nearer to the ends of their branch than so many standard deviations, at the optimum of all, are then left
+    /// out: which branch they are of is not certain, and the likelier one is a biased choice.
+    pub margin: Option<f64>,
     /// The most steps tried.
     pub max_iterations: usize,
     /// Converged when a step is shorter than this many posterior standard deviations.
@@ -35,6 +38,7 @@ impl Default for ImplicitOptions {
         Self {
             loss: Loss::Gaussian,
             correct_bias: true,
+            margin: None,
             max_iterations: 60,
             step_tolerance: 1e-5,
         }
@@ -52,11 +56,11 @@ pub struct ImplicitFit {
     pub distances: Vec<f64>,
     /// The branch that each reading is on.
     pub branches: Vec<usize>,
-    /// The loss's weight of each reading; 0 where it has no distance.
+    /// The loss's weight of each reading; 0 where it has no distance, or was left out.
     pub weights: Vec<f64>,
     /// Whitened shared noise of each group.
     pub shared: Vec<DVector<f64>>,
-    /// `Σ ρ(s) + ½ Σ |shared|²`, before the bias correction.
+    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before any are left out near ends.
     pub loss: f64,
     /// Steps tried.
     pub iterations: usize,
@@ -67,7 +71,7 @@ pub struct ImplicitFit {
 /// The state that minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`: most likely readings on the equation, each at its own place.
 ///
 /// `s_i` is the [`signed_distance`] at `x`, so that misclosures are those at the corrected readings. Levenberg–Marquardt with the
-/// shared noise eliminated group by group; then, where asked, solves `Σ w h (s − E[s]) = 0`. That second equation has no
+/// shared noise eliminated group by group; then, where asked, solves `Σ w (hᵀ (s − b) − c) = 0` with [`curvature_bias`]'s `b` and `c`. That second equation has no
 /// objective: its few steps are taken as they come, and given up where they grow. Bias from *shared* noise is not corrected.
 /// Cost a step: four gradients and `n²` a reading.
 ///
@@ -93,6 +97,11 @@ pub fn fit_implicit<R: ImplicitReading>(
     }
     let (iterations, mut termination) = batch.descend(&mut point);
     let loss = point.loss;
+    if let Some(margin) = options.margin
+        && termination != Termination::Undetermined
+    {
+        batch.leave_out(&mut point, margin);
+    }
     if options.correct_bias && termination != Termination::Undetermined {
         batch.correct(&mut point);
     }
@@ -144,7 +153,17 @@ struct Batch<'a, R> {
     size: usize,
     dimension: usize,
     options: ImplicitOptions,
+    /// Readings that do not count, by their place near an end.
+    left_out: Vec<bool>,
     at: Normalized,
+}
+
+/// What [`curvature_bias`] says of all readings.
+struct Biases {
+    /// Of each distance.
+    distances: Vec<f64>,
+    /// Of the scores of each group, summed up.
+    rows: Vec<DVector<f64>>,
 }
 
 /// A state with everything that belongs to it.
@@ -207,6 +226,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             size,
             dimension,
             options,
+            left_out: vec![false; readings.len()],
             at: Normalized::new(),
         })
     }
@@ -230,7 +250,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
     }
 
     /// Distances, objective and normal equations at a point; with the biases to take off, where given.
-    fn evaluate(&mut self, point: &mut Point, biases: Option<&[f64]>) {
+    fn evaluate(&mut self, point: &mut Point, biases: Option<&Biases>) {
         let (n, q) = (self.dimension, self.size);
         let m = n + q;
         let mut x = [0.0; MOST_STATE];
@@ -274,9 +294,13 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     point.loss += self.options.loss.rho(30.0);
                     continue;
                 }
-                let distance = self.at.distance - biases.map_or(0.0, |b| b[i]);
-                let weight = self.options.loss.weight(distance);
+                let distance = self.at.distance - biases.map_or(0.0, |b| b.distances[i]);
                 point.distances[i] = distance;
+                if self.left_out[i] {
+                    point.weights[i] = 0.0;
+                    continue;
+                }
+                let weight = self.options.loss.weight(distance);
                 point.weights[i] = weight;
                 point.loss += self.options.loss.rho(distance);
                 point.used += 1;
@@ -290,6 +314,9 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 }
             }
             full.fill_upper_triangle_with_lower_triangle();
+            if let Some(biases) = biases {
+                right -= &biases.rows[group];
+            }
             self.eliminate(point, &full, &right);
         }
     }
@@ -363,22 +390,60 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         (self.options.max_iterations, Termination::Limit)
     }
 
-    fn biases(&mut self, point: &Point) -> Vec<f64> {
-        let (n, q) = (self.dimension, self.size);
+    /// Leaves out readings near the ends of their branches, and searches anew; all stay where the rest does not determine
+    /// the state.
+    fn leave_out(&mut self, point: &mut Point, margin: f64) {
+        let m = self.dimension + self.size;
         let mut x = [0.0; MOST_STATE];
-        x[..n].copy_from_slice(point.state.as_slice());
-        let mut biases = vec![0.0; self.readings.len()];
+        for _ in 0..3 {
+            let mut next = vec![false; self.readings.len()];
+            x[..self.dimension].copy_from_slice(point.state.as_slice());
+            for (group, members) in self.members.iter().enumerate() {
+                x[self.dimension..m].copy_from_slice(point.shared[group].as_slice());
+                for &i in members {
+                    let reading = &self.readings[i];
+                    let noise = &point.noises[i][..reading.noise()];
+                    next[i] =
+                        point.distances[i].is_finite() && reading.margin(point.branches[i], &x[..m], noise) < margin;
+                }
+            }
+            if next == self.left_out {
+                return;
+            }
+            let before = std::mem::replace(&mut self.left_out, next);
+            let mut trial = point.clone();
+            self.evaluate(&mut trial, None);
+            let (_, termination) = self.descend(&mut trial);
+            if termination == Termination::Undetermined || ScaledCholesky::new(&trial.normal).is_err() {
+                self.left_out = before;
+                self.evaluate(point, None);
+                return;
+            }
+            *point = trial;
+        }
+    }
+
+    fn biases(&mut self, point: &Point) -> Biases {
+        let m = self.dimension + self.size;
+        let mut x = [0.0; MOST_STATE];
+        x[..self.dimension].copy_from_slice(point.state.as_slice());
+        let mut biases = Biases {
+            distances: vec![0.0; self.readings.len()],
+            rows: vec![DVector::zeros(m); self.members.len()],
+        };
+        let origin = [0.0; MOST_NOISE];
+        let mut row_bias = [0.0; MOST_STATE];
         for (group, members) in self.members.iter().enumerate() {
-            x[n..n + q].copy_from_slice(point.shared[group].as_slice());
+            x[self.dimension..m].copy_from_slice(point.shared[group].as_slice());
             for &i in members {
                 let reading = &self.readings[i];
                 let p = reading.noise();
-                let noise = &point.noises[i][..p];
-                let origin = [0.0; MOST_NOISE];
-                if point.distances[i].is_finite()
-                    && self.at.at(reading, point.branches[i], &x[..n + q], noise, &origin[..p])
-                {
-                    biases[i] = curvature_bias(reading, point.branches[i], &x[..n + q], noise, &self.at);
+                let (branch, noise) = (point.branches[i], &point.noises[i][..p]);
+                if point.distances[i].is_finite() && self.at.at(reading, branch, &x[..m], noise, &origin[..p]) {
+                    biases.distances[i] = curvature_bias(reading, branch, &x[..m], noise, &self.at, &mut row_bias[..m]);
+                    for (sum, value) in biases.rows[group].iter_mut().zip(&row_bias[..m]) {
+                        *sum += point.weights[i] * value;
+                    }
                 }
             }
         }

@@ -3,7 +3,6 @@
 use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias};
 use crate::{Error, Termination};
 use crate::{KalmanFilter, Loss, Relinearization, Result};
-use nalgebra::DVector;
 
 /// How to take in an implicit reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +17,8 @@ pub struct ImplicitUpdate {
     pub tolerance: f64,
     /// A reading whose innovation exceeds this many standard deviations is left out.
     pub gate: Option<f64>,
+    /// A reading nearer to the end of its branch than so many standard deviations is left out: it may be of the next one.
+    pub margin: Option<f64>,
     /// What an innovation is charged; its weight divides the reading's variance.
     pub loss: Loss,
 }
@@ -32,6 +33,7 @@ impl ImplicitUpdate {
             max_iterations: 1,
             tolerance: 1e-4,
             gate: None,
+            margin: None,
             loss: Loss::Gaussian,
         }
     }
@@ -78,7 +80,8 @@ impl KalmanFilter {
     /// Takes in a reading `g(z − L u, x) = 0`, `u ~ N(0, I)`.
     ///
     /// With `h = g_x/|g_u|`, `n = g_u/|g_u|` and `s = n·u − g/|g_u|` at `(x_i, u_i)`: `e = s − h (x̂ − x_i)`, `S = 1 + h P hᵀ`,
-    /// `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of `s` by [`curvature_bias`] is taken off `e`.
+    /// `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of the score by
+    /// [`curvature_bias`] is taken off.
     /// The facet is chosen at the prediction. Cost: about `n²` an iteration.
     ///
     /// # Errors
@@ -153,8 +156,9 @@ impl KalmanFilter {
             }
             previous = moved;
         }
+        let mut row_bias = [0.0; MOST_STATE];
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
-            innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at);
+            innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
         innovation.normalized_squared = innovation.residual * innovation.residual / innovation.variance;
         let length = innovation.normalized_squared.sqrt();
@@ -162,15 +166,54 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        if options.relinearization != Relinearization::StateAndNoise {
+            for k in 0..p {
+                u[k] = at.normal[k] * at.distance;
+            }
+        }
+        let near_end = options
+            .margin
+            .is_some_and(|m| reading.margin(branch, &x[..n], &u[..p]) < m);
         let weight = options.loss.weight(length);
-        if weight <= 0.0 {
+        if near_end || weight <= 0.0 || !innovation.residual.is_finite() {
             innovation.accepted = false;
             return Ok(innovation);
         }
-        let row = DVector::from_column_slice(&at.row[..n]);
-        let predicted = row.dot(self.mean());
-        self.update_scalar(&row, predicted + innovation.residual, 1.0 / weight)?;
+        self.absorb(
+            &spread[..n],
+            innovation.residual,
+            innovation.variance - 1.0 + 1.0 / weight,
+        );
+        if row_bias[..n].iter().any(|c| *c != 0.0) {
+            // What the score has beyond its mean distance moves the state by the covariance after the reading.
+            self.shift(&row_bias[..n], -weight);
+        }
         Ok(innovation)
+    }
+
+    /// Takes in a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, with `R` of one or more: `P − P hᵀ h P / S`, which then
+    /// loses no digits that matter, and stays symmetric bit by bit.
+    fn absorb(&mut self, spread: &[f64], residual: f64, total: f64) {
+        let n = spread.len();
+        let (mean, covariance) = self.parts_mut();
+        let scale = 1.0 / total;
+        for j in 0..n {
+            let gain = scale * spread[j];
+            mean[j] += gain * residual;
+            for i in 0..=j {
+                let value = covariance[(i, j)] - gain * spread[i];
+                covariance[(i, j)] = value;
+                covariance[(j, i)] = value;
+            }
+        }
+    }
+
+    /// Adds `share P w` to the state.
+    fn shift(&mut self, w: &[f64], share: f64) {
+        let (mean, covariance) = self.parts_mut();
+        for (j, value) in w.iter().enumerate() {
+            mean.axpy(share * value, &covariance.column(j), 1.0);
+        }
     }
 
     /// Fills `P hᵀ` and returns `h P hᵀ`.

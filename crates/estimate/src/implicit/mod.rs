@@ -19,7 +19,7 @@ mod bias;
 mod filter;
 
 pub use batch::{ImplicitFit, ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
-pub use bias::curvature_bias;
+pub use bias::{NoiseHessian, curvature_bias};
 pub use filter::{ImplicitInnovation, ImplicitUpdate};
 
 /// Most whitened noise components of a reading: a ray in space has seven.
@@ -51,6 +51,25 @@ pub trait ImplicitReading {
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
+    }
+
+    /// The branch that explains the reading best at no noise, where a reading knows a shorter way to it than [`best_branch`].
+    fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
+        let _ = x;
+        None
+    }
+
+    /// How many standard deviations the corrected reading `z − L u` lies within the ends of the branch, where it meets
+    /// another at an angle: less than none beyond them, infinitely many where nothing ends.
+    fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        let _ = (branch, x, u);
+        f64::INFINITY
+    }
+
+    /// Fills `∂²g/∂u²` of a branch, or returns false: it is then taken by differences of the gradient.
+    fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
+        let _ = (branch, x, u, hessian);
+        false
     }
 
     /// Variance of `g` beyond `|∂g/∂u|²`, where its second derivatives matter: what bounds the weight of a product of facets
@@ -163,6 +182,9 @@ pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize
     let count = reading.branches();
     if count <= 1 {
         return 0;
+    }
+    if let Some(branch) = reading.nearest_branch(x) {
+        return branch;
     }
     let p = reading.noise();
     let origin = [0.0; MOST_NOISE];

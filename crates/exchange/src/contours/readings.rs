@@ -79,18 +79,19 @@ pub fn read_contour_readings(path: &Path, defaults: &SigmaDefaults, carmen: &Car
 }
 
 /// Which column holds what.
-struct Header {
+pub(super) struct Header {
     index: BTreeMap<&'static str, usize>,
     width: usize,
 }
 
 impl Header {
-    fn of(line: &[u8], number: u64) -> Result<Self> {
+    /// Those of `columns` that a header names.
+    pub(super) fn named(line: &[u8], number: u64, columns: &[&'static str]) -> Result<Self> {
         let mut index = BTreeMap::new();
         let text = String::from_utf8_lossy(line).to_ascii_lowercase();
         let fields: Vec<&str> = text.split(',').map(|f| f.trim().trim_matches('"')).collect();
         for (k, field) in fields.iter().enumerate() {
-            if let Some(&name) = COLUMNS.iter().find(|c| *c == field)
+            if let Some(&name) = columns.iter().find(|c| *c == field)
                 && index.insert(name, k).is_some()
             {
                 return Err(Error::input(format!(
@@ -98,7 +99,24 @@ impl Header {
                 )));
             }
         }
-        let has = |name: &str| index.contains_key(name);
+        Ok(Self {
+            index,
+            width: fields.len(),
+        })
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.index.contains_key(name)
+    }
+
+    fn of(line: &[u8], number: u64) -> Result<Self> {
+        let header = Self::named(line, number, &COLUMNS)?;
+        let has = |name: &str| header.has(name);
+        if Self::named(line, number, &["z"])?.has("z") {
+            return Err(Error::input(format!(
+                "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, sphere, cylinder or box"
+            )));
+        }
         let missing = match (has("x") && has("y"), has("heading_deg"), has("range")) {
             (false, _, _) => Some("x,y"),
             (true, true, false) => Some("range"),
@@ -110,10 +128,7 @@ impl Header {
                 "line {number}: needed a header with `x,y,heading_deg,range` (ranges) or `x,y` (points), found {} without `{name}`",
                 shown(line)
             ))),
-            None => Ok(Self {
-                index,
-                width: fields.len(),
-            }),
+            None => Ok(header),
         }
     }
 }
@@ -133,19 +148,7 @@ fn table<R: Read>(source: &mut Source<R>, header: &[u8], defaults: &SigmaDefault
         if line.is_empty() || line.starts_with(b"#") {
             continue;
         }
-        let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
-        if fields.len() != header.width {
-            return Err(Error::input(format!(
-                "line {number}: needed {} fields as in the header, found {}",
-                header.width,
-                fields.len()
-            )));
-        }
-        let row = Row {
-            header: &header,
-            fields,
-            number,
-        };
+        let row = Row::of(line, &header, number)?;
         let pose = match row.optional("pose_id")? {
             Some(id) => {
                 let next = poses.len();
@@ -171,13 +174,25 @@ fn table<R: Read>(source: &mut Source<R>, header: &[u8], defaults: &SigmaDefault
 }
 
 /// A line with its columns.
-struct Row<'a> {
+pub(super) struct Row<'a> {
     header: &'a Header,
     fields: Vec<&'a [u8]>,
     number: u64,
 }
 
-impl Row<'_> {
+impl<'a> Row<'a> {
+    pub(super) fn of(line: &'a [u8], header: &'a Header, number: u64) -> Result<Self> {
+        let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
+        if fields.len() != header.width {
+            return Err(Error::input(format!(
+                "line {number}: needed {} fields as in the header, found {}",
+                header.width,
+                fields.len()
+            )));
+        }
+        Ok(Self { header, fields, number })
+    }
+
     fn optional(&self, name: &'static str) -> Result<Option<f64>> {
         let Some(&k) = self.header.index.get(name) else {
             return Ok(None);
@@ -192,12 +207,13 @@ impl Row<'_> {
         }
     }
 
-    fn needed(&self, name: &'static str) -> Result<f64> {
+    pub(super) fn needed(&self, name: &'static str) -> Result<f64> {
         self.optional(name)?
             .ok_or_else(|| Error::input(format!("line {}: needed column `{name}`", self.number)))
     }
 
-    fn sigma(&self, name: &'static str, default: Option<f64>, option: &str) -> Result<f64> {
+    /// A σ by column or default; where no option states it, zero is one.
+    pub(super) fn sigma(&self, name: &'static str, default: Option<f64>, option: &str) -> Result<f64> {
         let may_be_zero = option.is_empty();
         match self.optional(name)?.or(default) {
             Some(value) if value > 0.0 || (may_be_zero && value == 0.0) => Ok(value),

@@ -135,20 +135,7 @@ pub(super) fn report(
 ) -> ContourReport {
     let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, seen, i)).collect();
     for (i, part) in contours.iter().enumerate() {
-        let name = format!("contour {} ({}, {} readings)", i + 1, part.kind, part.readings);
-        if part.bic_margin.is_some_and(|margin| margin < 6.0) {
-            let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
-            warnings.push(format!(
-                "{name}: {other} explains the readings nearly as well (BIC margin {:.1})",
-                part.bic_margin.unwrap_or(0.0)
-            ));
-        }
-        if !(0.4..2.5).contains(&part.reduced_chi_square) {
-            warnings.push(format!(
-                "{name}: distances are {:.2} of what the stated σ let expect: check σ, or the kind",
-                part.reduced_chi_square.sqrt()
-            ));
-        }
+        warnings.extend(part_warnings(part, i));
     }
     ContourReport {
         main: contours[0].clone(),
@@ -159,6 +146,25 @@ pub(super) fn report(
         left_out: read.left_out,
         warnings,
     }
+}
+
+/// What a user should know of the part at a place of the report.
+pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let name = format!("contour {} ({}, {} readings)", index + 1, part.kind, part.readings);
+    if let Some(margin) = part.bic_margin.filter(|margin| *margin < 6.0) {
+        let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
+        warnings.push(format!(
+            "{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"
+        ));
+    }
+    if !(0.4..2.5).contains(&part.reduced_chi_square) {
+        warnings.push(format!(
+            "{name}: distances are {:.2} of what the stated σ let expect: check σ, or the kind",
+            part.reduced_chi_square.sqrt()
+        ));
+    }
+    warnings
 }
 
 fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> PartReport {

@@ -1,20 +1,24 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC.
 
-use super::fit::{ContourFit, FitOptions, fit};
+use super::fit::{ContourFit, FitOptions, RoughFit, fit, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
 use super::start::chain_start;
 use planish_estimate::{Error, Result};
+use rayon::prelude::*;
 
 /// Most sides of a polygon that is looked for without being asked.
 const MOST_SIDES: usize = 8;
+
+/// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
+const WORTH_FINISHING: f64 = 60.0;
 
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternative {
     /// Which.
     pub kind: Kind,
-    /// Its BIC.
+    /// Its BIC; of a kind far behind, that of a rough fit.
     pub bic: f64,
 }
 
@@ -45,8 +49,11 @@ pub fn auto_kinds() -> Vec<Kind> {
     kinds
 }
 
-/// Fits all kinds, and a chain of lines and arcs where `chains` asks for one, and chooses by the Bayesian information
+/// Fits kinds, and a chain of lines and arcs where `chains` asks for one, and chooses by the Bayesian information
 /// criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the gate.
+///
+/// All kinds are fitted roughly first, and those whose criterion is then less than 60 from the best are fitted to the end. Of
+/// the others [`Alternative::bic`] is the rough one.
 ///
 /// # Errors
 /// `Undetermined` when none could be fitted.
@@ -54,22 +61,52 @@ pub fn auto_kinds() -> Vec<Kind> {
 /// # References
 /// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins mean).
 pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &FitOptions) -> Result<Choice> {
-    let mut found: Vec<ContourFit> = Vec::new();
-    let mut last = None;
-    for kind in kinds {
-        match fit(kind, sightings, options) {
-            Ok(one) => found.push(one),
-            Err(e) => last = Some(e),
-        }
-    }
-    if let Some((kind, start)) = chains.then(|| chain_start(sightings)).flatten() {
-        let mut start = start;
+    let mut tried: Vec<(Kind, FitOptions)> = kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
+    if let Some((kind, mut start)) = chains.then(|| chain_start(sightings)).flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = FitOptions {
             start: Some(start),
             ..options.clone()
         };
-        match fit(&kind, sightings, &options) {
+        tried.push((kind, options));
+    }
+    if let [(kind, options)] = &tried[..] {
+        let fit = fit(kind, sightings, options)?;
+        return Ok(Choice {
+            fit,
+            bic_margin: None,
+            alternatives: Vec::new(),
+        });
+    }
+    let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
+    let mut last = None;
+    let mut order: Vec<(&Kind, RoughFit)> = Vec::new();
+    for ((kind, _), one) in tried.iter().zip(begun) {
+        match one {
+            Ok(one) => order.push((kind, one)),
+            Err(e) => last = Some(e),
+        }
+    }
+    order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
+    let limit = order.first().map_or(0.0, |o| o.1.bic) + WORTH_FINISHING;
+    let near = order.partition_point(|o| o.1.bic <= limit);
+    // Near ones all; then one by one, where none of those came to an end.
+    let finish = |(kind, rough): &(&Kind, RoughFit)| {
+        let options = FitOptions {
+            start: Some(rough.state.clone()),
+            ..options.clone()
+        };
+        fit(kind, sightings, &options)
+    };
+    let mut found: Vec<ContourFit> = Vec::new();
+    let finished: Vec<Result<ContourFit>> = order[..near].par_iter().map(finish).collect();
+    let mut rest = order[near..].iter();
+    let mut next = finished.into_iter();
+    while let Some(one) = next.next().or_else(|| {
+        let more = found.is_empty();
+        rest.next().filter(|_| more).map(finish)
+    }) {
+        match one {
             Ok(one) => found.push(one),
             Err(e) => last = Some(e),
         }
@@ -79,12 +116,17 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     let Some(best) = found.next() else {
         return Err(last.unwrap_or_else(|| Error::undetermined("no kind of contour was tried")));
     };
-    let alternatives: Vec<Alternative> = found
+    let mut alternatives: Vec<Alternative> = found
         .map(|one| Alternative {
             bic: one.bic(),
             kind: one.kind,
         })
         .collect();
+    alternatives.extend(rest.map(|(kind, rough)| Alternative {
+        bic: rough.bic.max(best.bic()),
+        kind: (*kind).clone(),
+    }));
+    alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {
         bic_margin: alternatives.first().map(|a| a.bic - best.bic()),
         fit: best,

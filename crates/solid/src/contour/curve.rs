@@ -37,6 +37,81 @@ pub(crate) fn distance(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2], by
     }
 }
 
+/// `∂²g/∂p²` of the distance to the carrier of a piece: `[xx, xy, yy]`.
+pub(crate) fn distance_hessian(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> [f64; 3] {
+    match kind {
+        Kind::Line => [0.0; 3],
+        Kind::Circle => round_hessian([theta[0], theta[1]], 1.0, p),
+        Kind::Ellipse => {
+            let (a, b) = (theta[2], theta[3]);
+            let (sin, cos) = theta[4].sin_cos();
+            let d = [p[0] - theta[0], p[1] - theta[1]];
+            let scaled = [(cos * d[0] + sin * d[1]) / a, (cos * d[1] - sin * d[0]) / b];
+            let length = scaled[0].hypot(scaled[1]);
+            // √(ab) (I − q qᵀ) / |q| in the scaled plane, of unit q = scaled/|scaled|, is a single square.
+            let factor = (a * b).sqrt() / length.powi(3);
+            let w = [scaled[1] / a, -scaled[0] / b];
+            let world = [cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]];
+            [
+                factor * world[0] * world[0],
+                factor * world[0] * world[1],
+                factor * world[1] * world[1],
+            ]
+        }
+        _ => {
+            let bulge = kind.bulge(theta, piece).0;
+            if bulge == 0.0 {
+                return [0.0; 3];
+            }
+            let (from, to) = ends(kind, piece);
+            let (center, _) = arc_circle(kind.vertex(theta, from), kind.vertex(theta, to), bulge);
+            round_hessian(center, bulge.signum(), p)
+        }
+    }
+}
+
+fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
+    let d = [p[0] - center[0], p[1] - center[1]];
+    let squared = d[0] * d[0] + d[1] * d[1];
+    let factor = side / (squared * squared.sqrt());
+    [factor * d[1] * d[1], -factor * d[0] * d[1], factor * d[0] * d[0]]
+}
+
+/// The piece that explains a point of covariance `[xx, xy, yy]` best: least `d²/nᵀCn`, and what its foot lies beyond the
+/// ends of the piece over its σ there. `None` for outlines of very many pieces.
+pub(crate) fn nearest_piece(kind: &Kind, theta: &[f64], p: [f64; 2], [xx, xy, yy]: [f64; 3]) -> Option<usize> {
+    let mut room = [[0.0; 2]; 48];
+    let pieces = kind.pieces();
+    let count = pieces + usize::from(!kind.is_closed());
+    let vertices = room.get_mut(..count)?;
+    kind.vertices(theta, vertices);
+    let determinant = (xx * yy - xy * xy).max(f64::MIN_POSITIVE);
+    let mut best = (f64::INFINITY, 0);
+    for piece in 0..pieces {
+        let (a, b) = (vertices[piece], vertices[(piece + 1) % count]);
+        let bulge = kind.bulge(theta, piece).0;
+        let at = if bulge == 0.0 {
+            segment(a, b, p).distance
+        } else {
+            arc(a, b, bulge, p).distance
+        };
+        let n = at.by_point;
+        let pull = [xx * n[0] + xy * n[1], xy * n[0] + yy * n[1]];
+        let across = n[0] * pull[0] + n[1] * pull[1];
+        let step = at.value / across;
+        let squared = at.value * step;
+        if squared.is_nan() || squared >= best.0 {
+            continue;
+        }
+        let over = overshoot(a, b, bulge, [p[0] - step * pull[0], p[1] - step * pull[1]]);
+        let cost = squared + over * over * across / determinant;
+        if cost < best.0 {
+            best = (cost, piece);
+        }
+    }
+    Some(best.1)
+}
+
 /// How far a point lies beyond the ends of a piece, along it.
 pub(crate) fn beyond(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
     if kind.pieces() == 1 && !matches!(kind, Kind::Chain { .. }) {
@@ -44,7 +119,10 @@ pub(crate) fn beyond(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f
     }
     let (from, to) = ends(kind, piece);
     let (a, b) = (kind.vertex(theta, from), kind.vertex(theta, to));
-    let bulge = kind.bulge(theta, piece).0;
+    overshoot(a, b, kind.bulge(theta, piece).0, p)
+}
+
+fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
     if bulge == 0.0 {
         let e = [b[0] - a[0], b[1] - a[1]];
         let length = e[0].hypot(e[1]).max(f64::MIN_POSITIVE);
@@ -60,6 +138,20 @@ pub(crate) fn beyond(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f
     let turn = (towards[0] * d[1] - towards[1] * d[0]).atan2(towards[0] * d[0] + towards[1] * d[1]);
     let half = 2.0 * bulge.abs().atan();
     radius * (turn.abs() - half).max(0.0)
+}
+
+/// How far a point lies from the nearer end of a straight piece of a polygon, along it; infinitely far for all other kinds,
+/// whose pieces join smoothly or not at all.
+pub(crate) fn within(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
+    if !matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_) | Kind::Polygon(_)) {
+        return f64::INFINITY;
+    }
+    let (from, to) = ends(kind, piece);
+    let (a, b) = (kind.vertex(theta, from), kind.vertex(theta, to));
+    let e = [b[0] - a[0], b[1] - a[1]];
+    let length = e[0].hypot(e[1]).max(f64::MIN_POSITIVE);
+    let along = ((p[0] - a[0]) * e[0] + (p[1] - a[1]) * e[1]) / length;
+    along.min(length - along)
 }
 
 /// The vertices that a piece joins.

@@ -1,11 +1,18 @@
 //! One kind of contour fitted to readings.
 
 use super::kind::Kind;
+use super::recursive::{recursive, seed_of};
 use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
-use super::start::{mean, starts};
+use super::start::{MOST_PIECES, mean, starts};
 use nalgebra::{DMatrix, DVector};
-use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, SharedNoise, fit_implicit, kanatani_cramer_rao};
-use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
+use planish_estimate::implicit::{ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
+use planish_estimate::{Error, Loss, Result, Termination};
+
+/// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
+const READINGS_A_SIDE: usize = 25;
+
+/// What a reading may cost a rough fit where there is no gate, in standard deviations.
+const ROUGH_GATE: f64 = 10.0;
 
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,6 +38,9 @@ pub struct FitOptions {
     pub motion: Motion,
     /// Readings farther than this many standard deviations are left out; `None` keeps all.
     pub gate: Option<f64>,
+    /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its parameters: which
+    /// side they are of is not certain, and taking the nearer one is a bias. With less than 25 readings a side all count.
+    pub corner_margin: Option<f64>,
     /// Whether what curvature adds to distances is taken off (batch and NUIEKF).
     pub correct_bias: bool,
     /// Parameters, motion included, to start from, in place of what the readings suggest.
@@ -44,6 +54,7 @@ impl Default for FitOptions {
             form: Form::ActiveFacet,
             motion: Motion::Still,
             gate: Some(4.0),
+            corner_margin: Some(2.0),
             correct_bias: true,
             start: None,
         }
@@ -76,10 +87,11 @@ pub struct ContourFit {
 }
 
 impl ContourFit {
-    /// `−2 ln L + k ln n`.
+    /// `−2 ln L + k ln n`; of a chain, whose pattern of lines and arcs was looked for, also twice the logarithm of the number
+    /// of patterns.
     #[must_use]
     pub fn bic(&self) -> f64 {
-        self.state.len() as f64 * (self.distances.len().max(2) as f64).ln() - 2.0 * self.log_likelihood
+        criterion(&self.kind, self.state.len(), self.distances.len(), self.log_likelihood)
     }
 
     /// Mean squared distance over its degrees of freedom; one is expected.
@@ -88,6 +100,14 @@ impl ContourFit {
         let count = self.used.iter().filter(|used| **used).count() as f64;
         self.squares / (count - self.state.len() as f64).max(1.0)
     }
+}
+
+fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
+    let patterns = match kind {
+        Kind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MOST_PIECES as f64).ln(),
+        _ => 0.0,
+    };
+    unknowns as f64 * (readings.max(2) as f64).ln() + 2.0 * (patterns - log_likelihood)
 }
 
 /// Fits a kind of contour to readings, with their poses in their noise, or as unknowns where readings share them.
@@ -99,6 +119,76 @@ impl ContourFit {
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
 pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let setting = setting(kind, sightings, options)?;
+    let mut best: Option<ContourFit> = None;
+    for start in candidates(&setting, sightings, options)? {
+        let Ok(found) = fit_from(&setting, sightings, &start, options) else {
+            continue;
+        };
+        if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
+            && corners_are_real(&found)
+            && stays_near(&found, &points)
+            && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
+        {
+            best = Some(found);
+        }
+    }
+    best.ok_or_else(|| {
+        Error::undetermined(format!(
+            "the readings do not determine a {kind}: they may see too little of it, or be of something else"
+        ))
+    })
+}
+
+/// A fit that has only begun: what it may come to, for a small part of the time.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct RoughFit {
+    /// Parameters, motion included.
+    pub(crate) state: Vec<f64>,
+    /// `−2 ln L + k ln n` there, at most the charge of the gate a reading.
+    pub(crate) bic: f64,
+}
+
+/// A few robust steps from each start, and the best of them.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
+    let sightings = &own_poses(sightings)[..];
+    let setting = setting(kind, sightings, options)?;
+    let (readings, groups) = equations(&setting, sightings);
+    let charge = gate_cost(options.gate.or(Some(ROUGH_GATE)));
+    let mut best: Option<RoughFit> = None;
+    for start in candidates(&setting, sightings, options)? {
+        let settings = |threshold: f64| ImplicitOptions {
+            loss: Loss::Tukey { threshold },
+            correct_bias: false,
+            margin: None,
+            max_iterations: 6,
+            step_tolerance: 0.1,
+        };
+        let mut state = DVector::from_vec(start);
+        let mut cost = f64::INFINITY;
+        for threshold in [20.0, 6.0] {
+            let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold)) else {
+                break;
+            };
+            state = found.state;
+            let each = |d: &f64| if d.is_finite() { charge.min(0.5 * d * d) } else { charge };
+            let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
+            cost = poses + found.distances.iter().map(each).sum::<f64>();
+        }
+        let bic = criterion(kind, state.len(), sightings.len(), -cost);
+        if bic.is_finite() && best.as_ref().is_none_or(|b| bic < b.bic) {
+            let state = state.as_slice().to_vec();
+            best = Some(RoughFit { state, bic });
+        }
+    }
+    best.ok_or_else(|| Error::undetermined(format!("the readings do not determine a {kind}")))
+}
+
+fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<Setting> {
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let times = sightings.iter().map(|s| s.time_s);
     let setting = Setting {
@@ -120,32 +210,19 @@ pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
             setting.unknowns()
         )));
     }
+    Ok(setting)
+}
+
+/// Where to start: where it was said, or what the readings suggest.
+fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -> Result<Vec<Vec<f64>>> {
+    if let Some(start) = &options.start {
+        return Ok(vec![start.clone()]);
+    }
     let first = match options.method {
         Method::Batch => sightings.to_vec(),
-        _ => seed_of(sightings, &setting).0,
+        _ => seed_of(sightings, setting).0,
     };
-    let candidates = match &options.start {
-        Some(start) => vec![start.clone()],
-        None => with_motion(starts(kind, &first)?, &setting, &first),
-    };
-    let mut best: Option<ContourFit> = None;
-    for start in candidates {
-        let Ok(found) = fit_from(&setting, sightings, &start, options) else {
-            continue;
-        };
-        if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
-            && corners_are_real(&found)
-            && stays_near(&found, &points)
-            && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
-        {
-            best = Some(found);
-        }
-    }
-    best.ok_or_else(|| {
-        Error::undetermined(format!(
-            "the readings do not determine a {kind}: they may see too little of it, or be of something else"
-        ))
-    })
+    Ok(with_motion(starts(&setting.kind, &first)?, setting, &first))
 }
 
 /// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings without errors that
@@ -251,7 +328,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting])
     still.chain(moved).collect()
 }
 
-fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> (Vec<ContourReading<'a>>, Vec<usize>) {
+pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> (Vec<ContourReading<'a>>, Vec<usize>) {
     let mut numbers = std::collections::BTreeMap::new();
     let mut groups = Vec::with_capacity(sightings.len());
     let mut alone = 0;
@@ -273,12 +350,18 @@ fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> (Vec<Contou
     (readings, groups)
 }
 
-fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
+pub(super) fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
     setting.shared_poses.then_some(SharedNoise { size: 3, groups })
 }
 
+/// The margin, where every side has readings enough that the bias matters more than the readings near corners.
+pub(super) fn corner_margin(setting: &Setting, readings: usize, options: &FitOptions) -> Option<f64> {
+    let enough = readings >= READINGS_A_SIDE * setting.kind.pieces();
+    options.corner_margin.filter(|_| enough)
+}
+
 /// What a reading outside the gate costs: as much as one on it.
-fn gate_cost(gate: Option<f64>) -> f64 {
+pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
     gate.map_or(0.0, |g| 0.5 * g * g)
 }
 
@@ -289,7 +372,12 @@ fn fit_from(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &
     }
 }
 
-fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+pub(super) fn batch(
+    setting: &Setting,
+    sightings: &[Sighting],
+    start: &[f64],
+    options: &FitOptions,
+) -> Result<ContourFit> {
     let (all, groups) = equations(setting, sightings);
     let plain = ImplicitOptions {
         correct_bias: options.correct_bias && options.gate.is_none(),
@@ -303,6 +391,7 @@ fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &Fit
             let robust = ImplicitOptions {
                 loss: Loss::Tukey { threshold },
                 correct_bias: false,
+                margin: None,
                 max_iterations: 30,
                 step_tolerance: 1e-2,
             };
@@ -330,6 +419,7 @@ fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &Fit
     let (readings, kept_groups) = equations(setting, &kept);
     let options_here = ImplicitOptions {
         correct_bias: options.correct_bias,
+        margin: corner_margin(setting, sightings.len(), options),
         ..plain
     };
     let found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
@@ -359,101 +449,4 @@ fn batch(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &Fit
         pivot: setting.pivot,
         time_s: setting.time_s,
     })
-}
-
-/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn apart.
-fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
-    let wanted = (4 * setting.unknowns())
-        .max(12)
-        .min(sightings.len() / 2)
-        .max(setting.unknowns());
-    let stride = (sightings.len() / wanted.max(1)).max(1);
-    let mut counted = 0;
-    let mut poses = Vec::new();
-    let mut taken = vec![false; sightings.len()];
-    for i in (0..sightings.len()).step_by(stride) {
-        if counted < wanted {
-            taken[i] = true;
-            poses.extend(sightings[i].pose);
-            counted += 1;
-        }
-    }
-    let in_seed = |i: usize| taken[i] || sightings[i].pose.is_some_and(|p| poses.contains(&p));
-    let pick = |seed: bool| {
-        (0..sightings.len())
-            .filter(|&i| in_seed(i) == seed)
-            .map(|i| sightings[i])
-            .collect()
-    };
-    (pick(true), pick(false))
-}
-
-fn recursive(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
-    let (seed, rest) = seed_of(sightings, setting);
-    let first = batch(setting, &seed, start, options)?;
-    let mut filter = KalmanFilter::new(first.state, first.covariance)?;
-    let mut update = match options.method {
-        Method::Extended => ImplicitUpdate::extended(),
-        Method::Iterated => ImplicitUpdate::iterated(),
-        _ => ImplicitUpdate::noise_updated(),
-    };
-    update.gate = options.gate;
-    update.correct_bias &= options.correct_bias;
-    let n = setting.unknowns();
-    let mut pose: Option<usize> = None;
-    for sighting in &rest {
-        if setting.shared_poses && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n) {
-            change_pose(&mut filter, n)?;
-            pose = sighting.pose;
-        }
-        let reading = ContourReading { setting, sighting };
-        // An equation without a value at the prediction says nothing: the reading is left out.
-        let _ = filter.update_implicit(&reading, &update);
-    }
-    let state = filter.mean().rows(0, n).into_owned();
-    let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
-    // Distances of all readings to what was found, without moving it.
-    let (all, groups) = equations(setting, sightings);
-    let look = ImplicitOptions {
-        max_iterations: 0,
-        correct_bias: false,
-        ..ImplicitOptions::default()
-    };
-    let seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
-    let near = |d: &f64| d.is_finite() && options.gate.is_none_or(|g| d.abs() <= g);
-    let used: Vec<bool> = seen.distances.iter().map(near).collect();
-    let squares: f64 = seen
-        .distances
-        .iter()
-        .zip(&used)
-        .filter(|(_, u)| **u)
-        .map(|(d, _)| d * d)
-        .sum();
-    let left_out = used.iter().filter(|u| !**u).count() as f64;
-    Ok(ContourFit {
-        kind: setting.kind.clone(),
-        state,
-        covariance,
-        distances: seen.distances,
-        used,
-        squares,
-        log_likelihood: -0.5 * squares - left_out * gate_cost(options.gate),
-        termination: Termination::Converged,
-        pivot: setting.pivot,
-        time_s: setting.time_s,
-    })
-}
-
-/// Drops the errors of the last pose, and takes those of the next into the state.
-fn change_pose(filter: &mut KalmanFilter, n: usize) -> Result<()> {
-    let had = filter.mean().len();
-    let mut transition = DMatrix::zeros(n + 3, had);
-    let mut fresh = DMatrix::zeros(n + 3, n + 3);
-    for k in 0..n {
-        transition[(k, k)] = 1.0;
-    }
-    for k in n..n + 3 {
-        fresh[(k, k)] = 1.0;
-    }
-    filter.predict(&transition, &fresh)
 }

@@ -159,6 +159,36 @@ impl Kind {
         }
     }
 
+    /// All vertices of the outline, as many as `out` takes.
+    pub(crate) fn vertices(&self, theta: &[f64], out: &mut [[f64; 2]]) {
+        match self {
+            Self::Polygon(_) | Self::Chain { .. } => {
+                for (i, vertex) in out.iter_mut().enumerate() {
+                    *vertex = [theta[2 * i], theta[2 * i + 1]];
+                }
+            }
+            Self::RegularPolygon(sides) => {
+                let (sin, cos) = (std::f64::consts::TAU / *sides as f64).sin_cos();
+                let mut arm = [theta[2] * theta[3].cos(), theta[2] * theta[3].sin()];
+                for vertex in out {
+                    *vertex = [theta[0] + arm[0], theta[1] + arm[1]];
+                    arm = [cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]];
+                }
+            }
+            _ => {
+                let (sin, cos) = theta[4].sin_cos();
+                for (i, vertex) in out.iter_mut().enumerate() {
+                    let corner = self.corner(i);
+                    let local = [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
+                    *vertex = [
+                        theta[0] + cos * local[0] - sin * local[1],
+                        theta[1] + sin * local[0] + cos * local[1],
+                    ];
+                }
+            }
+        }
+    }
+
     /// Adds `wᵀ ∂P_i/∂θ` to `out`.
     pub(crate) fn add_vertex_derivative(&self, theta: &[f64], i: usize, w: [f64; 2], out: &mut [f64]) {
         match self {

@@ -1,8 +1,8 @@
 //! A reading of a contour as an implicit equation.
 
-use super::curve::{beyond, distance};
+use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
 use super::kind::Kind;
-use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE};
+use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,6 +146,8 @@ struct Place {
     point: [f64; 2],
     by_noise: [[f64; 2]; 4],
     by_pose: [[f64; 2]; 3],
+    /// `∂²p/∂u₂²` and `∂²p/∂u₂∂u₃`, where heading and range are noise.
+    by_heading: [[f64; 2]; 2],
 }
 
 impl ContourReading<'_> {
@@ -154,6 +156,7 @@ impl ContourReading<'_> {
             point: [0.0; 2],
             by_noise: [[0.0; 2]; 4],
             by_pose: [[0.0; 2]; 3],
+            by_heading: [[0.0; 2]; 2],
         };
         match self.sighting.target {
             Target::Point { position, sigma } => {
@@ -191,6 +194,11 @@ impl ContourReading<'_> {
                 } else {
                     place.by_noise[..3].copy_from_slice(&by_pose);
                     place.by_noise[3] = by_own;
+                    let (square, product) = (sigma[2] * sigma[2], sigma[2] * sigma[3]);
+                    place.by_heading = [
+                        [-square * length * cos, -square * length * sin],
+                        [-product * sin, product * cos],
+                    ];
                 }
             }
         }
@@ -218,6 +226,16 @@ impl ContourReading<'_> {
             [cos, sin],
             time,
         )
+    }
+
+    /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
+    fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
+        let [xx, xy, yy] = self.sighting.covariance();
+        let mut by_theta = [0.0; MOST_STATE];
+        let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
+        let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
+        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
+        ((xx * yy - xy * xy).max(f64::MIN_POSITIVE) / across).sqrt()
     }
 
     /// `g` of a body point with `∂g/∂p`; `∂g/∂θ` into `by_theta`.
@@ -301,6 +319,44 @@ impl ImplicitReading for ContourReading<'_> {
         value
     }
 
+    fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
+        if self.setting.form == Form::Product && self.setting.kind.pieces() > 1 {
+            return false;
+        }
+        let theta = &x[..self.setting.kind.parameters()];
+        let place = self.place(x, u);
+        let (p, [cos, sin], _) = self.carried_back(x, place.point);
+        let [xx, xy, yy] = distance_hessian(&self.setting.kind, theta, branch, p);
+        let count = self.noise();
+        // Columns in the frame of the body.
+        let mut columns = [[0.0; 2]; 4];
+        for (column, by_noise) in columns.iter_mut().zip(&place.by_noise).take(count) {
+            *column = [
+                cos * by_noise[0] - sin * by_noise[1],
+                sin * by_noise[0] + cos * by_noise[1],
+            ];
+        }
+        for i in 0..count {
+            let [a, b] = columns[i];
+            let image = [xx * a + xy * b, xy * a + yy * b];
+            for j in 0..=i {
+                let value = image[0] * columns[j][0] + image[1] * columns[j][1];
+                hessian[i][j] = value;
+                hessian[j][i] = value;
+            }
+        }
+        if count == 4 {
+            let mut by_theta = [0.0; MOST_STATE];
+            let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
+            let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
+            let [turned, stretched] = place.by_heading.map(|d| normal[0] * d[0] + normal[1] * d[1]);
+            hessian[2][2] += turned;
+            hessian[2][3] += stretched;
+            hessian[3][2] += stretched;
+        }
+        true
+    }
+
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let k = self.setting.kind.parameters();
         let (p, [cos, sin], _) = self.carried_back(x, self.place(x, u).point);
@@ -308,14 +364,39 @@ impl ImplicitReading for ContourReading<'_> {
         if length <= 0.0 {
             return 0.0;
         }
-        // The variance along the piece of a point that is held to it: det C / nᵀCn.
+        let sigma = self.sigma_along(branch, &x[..k], p, [cos, sin]);
+        (length / sigma).powi(2)
+    }
+
+    fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
+        if self.setting.shared_poses {
+            // A reading's own noise is along its ray only.
+            return None;
+        }
+        let k = self.setting.kind.parameters();
+        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
         let [xx, xy, yy] = self.sighting.covariance();
-        let mut by_theta = [0.0; MOST_STATE];
-        let n = distance(&self.setting.kind, &x[..k], branch, p, &mut by_theta[..k]).by_point;
-        let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
-        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
-        let determinant = xx * yy - xy * xy;
-        length * length * across / determinant.max(f64::MIN_POSITIVE)
+        // In the frame of the body.
+        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
+        let turned = [
+            square * xx - 2.0 * both * xy + product * yy,
+            both * (xx - yy) + (square - product) * xy,
+            product * xx + 2.0 * both * xy + square * yy,
+        ];
+        nearest_piece(&self.setting.kind, &x[..k], p, turned)
+    }
+
+    fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        if self.setting.form == Form::Product {
+            return f64::INFINITY;
+        }
+        let k = self.setting.kind.parameters();
+        let (p, turn, _) = self.carried_back(x, self.place(x, u).point);
+        let length = within(&self.setting.kind, &x[..k], branch, p);
+        if length.is_infinite() {
+            return length;
+        }
+        length / self.sigma_along(branch, &x[..k], p, turn)
     }
 
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {

@@ -7,6 +7,7 @@ use super::kind::Kind;
 use super::sighting::Sighting;
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::Result;
+pub(crate) use segments::MOST_PIECES;
 use segments::{Sequence, chain, polygon};
 
 /// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.

@@ -9,7 +9,7 @@ use super::{circle, mean};
 /// Points are put into at most so many bins: the table of costs has the square of it.
 const MOST_BINS: usize = 120;
 /// Most pieces of a chain.
-const MOST_PIECES: usize = 14;
+pub(crate) const MOST_PIECES: usize = 14;
 
 /// Sums over points: number, coordinates, their products to fourth order about the sequence's middle, and covariances.
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,0 +1,36 @@
+//! The edges of a picture as readings of contours.
+
+use planish_estimate::Result;
+use planish_exchange::contours::ContourReadings;
+use planish_exchange::{extension, picture::read_brightness};
+use planish_sense::{EdgeOptions, edge_points};
+use planish_solid::contour::{Sighting, Target};
+use std::path::Path;
+
+pub(super) fn is_picture(path: &Path) -> bool {
+    ["png", "jpg", "jpeg"].contains(&extension(path).as_str())
+}
+
+/// Points on the edges of a picture taken squarely, in lengths of which a pixel has `pixel`: x to the right and y upwards from
+/// the centre of the lowest pixel on the left.
+///
+/// # Errors
+/// As of the picture's reader and of [`edge_points`].
+pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
+    let image = read_brightness(path)?;
+    let points = edge_points(&image, &EdgeOptions::default()).map_err(|e| e.in_context(path.display()))?;
+    let lowest = (image.rows - 1) as f64;
+    let sightings = points.iter().enumerate().map(|(k, point)| Sighting {
+        target: Target::Point {
+            position: [pixel * point.position[0], pixel * (lowest - point.position[1])],
+            sigma: pixel * point.sigma_px,
+        },
+        pose: None,
+        time_s: 0.0,
+        line: k + 1,
+    });
+    Ok(ContourReadings {
+        sightings: sightings.collect(),
+        ..ContourReadings::default()
+    })
+}

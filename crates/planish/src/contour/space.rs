@@ -1,0 +1,79 @@
+//! Planes, spheres, cylinders and boxes from readings in space.
+
+use super::report::part_warnings;
+use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
+use crate::progress::{Progress, WRITING_STAGE};
+use planish_estimate::{Error, Result};
+use planish_exchange::contours::read_ray_readings;
+use planish_exchange::extension;
+use planish_solid::contour::{Form, Motion};
+use planish_solid::primitive::choose;
+
+/// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
+///
+/// # Errors
+/// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings; `Undetermined` when no shape
+/// can be fitted.
+pub(super) fn shape_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
+    if let Some(output) = job.outputs.iter().find(|output| extension(output) != "json") {
+        return Err(Error::unsupported(format!(
+            "{}: a shape in space is written as .json",
+            output.display()
+        )));
+    }
+    if job.fit.motion != Motion::Still || job.fit.form != Form::ActiveFacet {
+        return Err(Error::unsupported(
+            "shapes in space stand still and have an equation a side: leave out --motion and --product",
+        ));
+    }
+    progress.check("reading", 0.0)?;
+    let rays = read_ray_readings(&job.input, &job.sigma)?;
+    progress.check("fitting", 0.1)?;
+    let (fit, others) = choose(&job.shapes, &rays, &job.fit).map_err(|e| e.in_context(job.input.display()))?;
+    let best = fit.bic();
+    let order: Vec<String> = fit.shape.names().iter().map(|&name| name.to_owned()).collect();
+    let value = |k: usize| ReportedValue {
+        value: fit.parameters[k],
+        sigma: fit.covariance[(k, k)].max(0.0).sqrt(),
+    };
+    let part = PartReport {
+        kind: fit.shape.to_string(),
+        parameters: order.iter().cloned().zip((0..order.len()).map(value)).collect(),
+        covariance: fit
+            .covariance
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect(),
+        order,
+        log_likelihood: fit.log_likelihood,
+        bic_margin: others.first().map(|o| o.1 - best),
+        alternatives: others
+            .iter()
+            .map(|(shape, bic)| ReportedAlternative {
+                kind: shape.to_string(),
+                bic_difference: bic - best,
+            })
+            .collect(),
+        readings: rays.len(),
+        rejected: fit.used.iter().filter(|used| !**used).count(),
+        reduced_chi_square: fit.reduced_chi_square(),
+        level: None,
+        hole_of: None,
+        ends: None,
+    };
+    let report = ContourReport {
+        warnings: part_warnings(&part, 0),
+        main: part.clone(),
+        contours: vec![part],
+        constrained: None,
+        levels: None,
+        unit: job.unit,
+        left_out: 0,
+    };
+    progress.check(WRITING_STAGE, 0.95)?;
+    for output in &job.outputs {
+        write_json(output, &report)?;
+    }
+    progress.advance("done", 1.0);
+    Ok(report)
+}

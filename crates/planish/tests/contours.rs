@@ -1,0 +1,291 @@
+//! Contours end to end: files of readings in, reports out.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use planish::contour::{
+    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Motion, Relation, Shape, SigmaDefaults,
+    contour_files,
+};
+use planish::progress::Silent;
+use planish::simulate::{ReadingsOptions, write_readings_scene};
+use planish_exchange::Unit;
+use planish_exchange::picture::write_grey_png;
+use planish_solid::contour::{Sighting, Target, points};
+use planish_solid::primitive::{Seen, Solid, SpaceSensor, rays};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
+    ContourJob {
+        input,
+        kinds: kinds.to_vec(),
+        shapes: Vec::new(),
+        fit: FitOptions::default(),
+        sigma: SigmaDefaults::default(),
+        carmen: CarmenOptions {
+            first: 0,
+            count: 1,
+            range: [0.05, 20.0],
+            region: None,
+        },
+        gap: None,
+        outputs: Vec::new(),
+        pixel: None,
+        unit: Some(Unit::Millimetre),
+    }
+}
+
+fn write_points(path: &Path, parts: &[(f64, Vec<Sighting>)]) {
+    let mut text = String::from("x,y,sigma,level\n");
+    for (level, sightings) in parts {
+        for sighting in sightings {
+            if let Target::Point { position, sigma } = sighting.target {
+                writeln!(text, "{},{},{sigma},{level}", position[0], position[1]).unwrap();
+            }
+        }
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+/// Whether a parameter is within four of its σ.
+fn is_near(report: &ContourReport, contour: usize, name: &str, truth: f64) {
+    let found = &report.contours[contour].parameters;
+    let (_, value) = found.iter().find(|(n, _)| n == name).unwrap();
+    assert!(
+        (value.value - truth).abs() < 4.0 * value.sigma,
+        "{name}: {} ± {} for {truth}",
+        value.value,
+        value.sigma
+    );
+}
+
+#[test]
+fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("levels.csv");
+    let rectangle = [10.0, 5.0, 40.0, 25.0, 0.3];
+    let level = |k: u64| points(&Kind::Rectangle, &rectangle, 150, 0.2, k).noisy;
+    write_points(&path, &[(0.0, level(1)), (10.0, level(2)), (20.0, level(3))]);
+    let report = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent).unwrap();
+    let levels = report.levels.as_ref().unwrap();
+    assert_eq!((levels.relation, levels.levels.len()), (Relation::Prism, 3));
+    let circle = |radius: f64, seed| points(&Kind::Circle, &[3.0, -2.0, radius], 150, 0.2, seed).noisy;
+    write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, circle(15.0, 2))]);
+    let report = contour_files(&job(path.clone(), &[Kind::Circle]), &Silent).unwrap();
+    assert_eq!(report.levels.unwrap().relation, Relation::Revolution);
+    let aside = points(&Kind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
+    write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, aside)]);
+    let report = contour_files(&job(path, &[Kind::Circle]), &Silent).unwrap();
+    assert_eq!(report.levels.unwrap().relation, Relation::None);
+}
+
+#[test]
+fn a_plate_with_holes_is_told_as_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plate.csv");
+    let plate = points(&Kind::Rectangle, &[0.0, 0.0, 80.0, 50.0, 0.2], 500, 0.1, 1).noisy;
+    let left = points(&Kind::Circle, &[-20.0, 0.0, 6.0], 120, 0.1, 2).noisy;
+    let right = points(&Kind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
+    write_points(&path, &[(0.0, [plate, left, right].concat())]);
+    let report = contour_files(
+        &ContourJob {
+            gap: Some(5.0),
+            ..job(path, &[])
+        },
+        &Silent,
+    )
+    .unwrap();
+    let said: Vec<(&str, Option<usize>)> = report.contours.iter().map(|c| (c.kind.as_str(), c.hole_of)).collect();
+    assert_eq!(said, [("rectangle", None), ("slot", Some(0)), ("circle", Some(0))]);
+    is_near(&report, 0, "width", 80.0);
+    is_near(&report, 2, "radius", 6.0);
+}
+
+fn scene(kind: Kind, velocity: [f64; 3], noise: f64, folder: &Path) -> PathBuf {
+    let options = ReadingsOptions {
+        kind,
+        readings: 300,
+        sweep: 1,
+        noise,
+        outlier_share: 0.0,
+        velocity,
+        seed: 3,
+        unit: Unit::Millimetre,
+    };
+    write_readings_scene(&options, folder).unwrap();
+    folder.join("readings.csv")
+}
+
+#[test]
+fn the_product_of_the_sides_finds_the_rectangle_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = scene(Kind::Rectangle, [0.0; 3], 0.2, folder.path());
+    let mut job = job(path, &[Kind::Rectangle]);
+    job.fit.form = Form::Product;
+    let report = contour_files(&job, &Silent).unwrap();
+    is_near(&report, 0, "width", 90.0);
+    is_near(&report, 0, "height", 55.0);
+}
+
+#[test]
+fn a_thing_that_moves_and_turns_is_found_with_its_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let turn = 8f64.to_radians();
+    let path = scene(Kind::Rectangle, [6.0, -3.0, turn], 0.3, folder.path());
+    let mut job = job(path, &[Kind::Rectangle]);
+    job.fit.motion = Motion::Rigid;
+    let report = contour_files(&job, &Silent).unwrap();
+    is_near(&report, 0, "width", 90.0);
+    is_near(&report, 0, "height", 55.0);
+    is_near(&report, 0, "rotation_deg_per_s", 8.0);
+    // Without the motion the readings do not fit.
+    job.fit.motion = Motion::Still;
+    let still = contour_files(&job, &Silent).unwrap();
+    assert!(still.main.reduced_chi_square > 2.0 * report.main.reduced_chi_square);
+}
+
+/// A bright disc on a dark ground, with noise of four grey levels that a hash makes.
+fn disc(path: &Path, center: [f64; 2], radius: f64, seed: u64) {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut uniform = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut values = Vec::new();
+    for k in 0..160 * 120 {
+        let (x, y) = (f64::from(k % 160) - center[0], f64::from(k / 160) - center[1]);
+        let off = x.hypot(y) - radius;
+        let share = if off.abs() > 1.0 {
+            f64::from(off < 0.0)
+        } else {
+            let step = |s: i32| (f64::from(s) + 0.5) / 16.0 - 0.5;
+            let inside = |s: &i32| (x + step(s % 16)).hypot(y + step(s / 16)) < radius;
+            (0..256).filter(inside).count() as f64 / 256.0
+        };
+        // The sum of twelve is nearly normal.
+        let noise: f64 = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+        values.push((40.0 + 160.0 * share + 4.0 * noise).round() as u8);
+    }
+    write_grey_png(path, 160, 120, &values).unwrap();
+}
+
+#[test]
+fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("disc.png");
+    let (runs, pixel) = (100, 0.05);
+    let (mut within, mut squares) = (0, 0.0);
+    for seed in 0..runs {
+        let center = [70.0 + 0.13 * seed as f64, 60.0 - 0.07 * seed as f64];
+        disc(&path, center, 35.0, seed + 1);
+        let report = contour_files(
+            &ContourJob {
+                pixel: Some(pixel),
+                ..job(path.clone(), &[Kind::Circle])
+            },
+            &Silent,
+        )
+        .unwrap();
+        let truth = [center[0] * pixel, (119.0 - center[1]) * pixel, 35.0 * pixel];
+        for ((_, found), truth) in report.main.parameters.iter().zip(truth) {
+            let error = (found.value - truth) / found.sigma;
+            squares += error * error;
+            within += usize::from(error.abs() < 1.96);
+        }
+    }
+    let count = 3.0 * runs as f64;
+    println!(
+        "coverage {:.3}, rms {:.2} σ",
+        within as f64 / count,
+        (squares / count).sqrt()
+    );
+    assert!(within as f64 > 0.88 * count, "{within} of {count}");
+}
+
+#[test]
+fn readings_in_space_are_a_cylinder() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rays.csv");
+    let solid = Solid {
+        shape: Shape::Cylinder,
+        center: [30.0, -20.0, 50.0],
+        turn: [0.3, -0.5, 0.7],
+        size: [25.0, 80.0, 0.0],
+    };
+    let sensor = SpaceSensor {
+        standoff: 150.0,
+        sigma_position: 0.5,
+        sigma_angle_rad: 0.01,
+        sigma_range_share: 0.004,
+    };
+    let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
+    for ray in rays(&solid, 300, &sensor, 4).noisy {
+        if let Seen::Range {
+            origin: [x, y, z],
+            direction_rad: [a, e],
+            range,
+            sigma,
+        } = ray.seen
+        {
+            let (a, e) = (a.to_degrees(), e.to_degrees());
+            writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
+        }
+    }
+    std::fs::write(&path, text).unwrap();
+    let mut job = job(path.clone(), &[]);
+    job.shapes = Shape::ALL.to_vec();
+    job.sigma.position = Some(0.5);
+    job.sigma.heading_deg = Some(0.01f64.to_degrees());
+    let report = contour_files(&job, &Silent).unwrap();
+    assert_eq!(report.main.kind, "cylinder", "{:?}", report.main.alternatives);
+    is_near(&report, 0, "radius", 25.0);
+    is_near(&report, 0, "axis_x", solid.parameters()[3]);
+    // The same file without a kind in space, and a kind in space without σ.
+    job.shapes.clear();
+    let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+    assert!(
+        refused.contains("line 1") && refused.contains("--kind plane3"),
+        "{refused}"
+    );
+    std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
+    job.shapes = vec![Shape::Plane];
+    let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+    assert!(
+        refused.contains("line 2") && refused.contains("--sigma-point"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_room_of_a_carmen_log_has_walls() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room.log");
+    // A sensor in the middle of a room of 6 m by 4 m: 180 beams over half a turn, a whole turn by two scans.
+    let mut text = String::from("# a room\n");
+    for facing in [0.0, std::f64::consts::PI] {
+        let ranges = (0..180).map(|k| {
+            let angle = facing + (f64::from(k) - 90.0).to_radians();
+            let (sin, cos) = angle.sin_cos();
+            let wobble = 0.01 * (f64::from(k) * 12.9898).sin();
+            (3.0 / cos.abs()).min(2.0 / sin.abs()) + wobble
+        });
+        let ranges: Vec<String> = ranges.map(|r| format!("{r:.4}")).collect();
+        writeln!(
+            text,
+            "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0",
+            ranges.join(" ")
+        )
+        .unwrap();
+    }
+    std::fs::write(&path, text).unwrap();
+    let mut job = job(path, &[Kind::Rectangle]);
+    job.carmen.count = 2;
+    job.gap = Some(0.5);
+    let report = contour_files(&job, &Silent).unwrap();
+    assert_eq!(report.unit, Some(Unit::Metre));
+    is_near(&report, 0, "width", 6.0);
+    is_near(&report, 0, "height", 4.0);
+}

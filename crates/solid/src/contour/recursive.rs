@@ -1,0 +1,112 @@
+//! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
+
+use super::fit::{ContourFit, FitOptions, Method, batch, corner_margin, equations, gate_cost, shared};
+use super::sighting::{ContourReading, Setting, Sighting};
+use nalgebra::DMatrix;
+use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
+use planish_estimate::{KalmanFilter, Result, Termination};
+
+/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn apart.
+pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
+    // Some on every side: a filter does not find its way back from a wrong phase.
+    let wanted = (4 * setting.unknowns())
+        .max(8 * setting.kind.pieces())
+        .max(12)
+        .min(sightings.len() / 2)
+        .max(setting.unknowns());
+    let stride = (sightings.len() / wanted.max(1)).max(1);
+    let mut counted = 0;
+    let mut poses = Vec::new();
+    let mut taken = vec![false; sightings.len()];
+    for i in (0..sightings.len()).step_by(stride) {
+        if counted < wanted {
+            taken[i] = true;
+            poses.extend(sightings[i].pose);
+            counted += 1;
+        }
+    }
+    let in_seed = |i: usize| taken[i] || sightings[i].pose.is_some_and(|p| poses.contains(&p));
+    let pick = |seed: bool| {
+        (0..sightings.len())
+            .filter(|&i| in_seed(i) == seed)
+            .map(|i| sightings[i])
+            .collect()
+    };
+    (pick(true), pick(false))
+}
+
+pub(super) fn recursive(
+    setting: &Setting,
+    sightings: &[Sighting],
+    start: &[f64],
+    options: &FitOptions,
+) -> Result<ContourFit> {
+    let (seed, rest) = seed_of(sightings, setting);
+    let first = batch(setting, &seed, start, options)?;
+    let mut filter = KalmanFilter::new(first.state, first.covariance)?;
+    let mut update = match options.method {
+        Method::Extended => ImplicitUpdate::extended(),
+        Method::Iterated => ImplicitUpdate::iterated(),
+        _ => ImplicitUpdate::noise_updated(),
+    };
+    update.gate = options.gate;
+    update.margin = corner_margin(setting, sightings.len(), options);
+    update.correct_bias &= options.correct_bias;
+    let n = setting.unknowns();
+    let mut pose: Option<usize> = None;
+    for sighting in &rest {
+        if setting.shared_poses && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n) {
+            change_pose(&mut filter, n)?;
+            pose = sighting.pose;
+        }
+        let reading = ContourReading { setting, sighting };
+        // An equation without a value at the prediction says nothing: the reading is left out.
+        let _ = filter.update_implicit(&reading, &update);
+    }
+    let state = filter.mean().rows(0, n).into_owned();
+    let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
+    // Distances of all readings to what was found, without moving it.
+    let (all, groups) = equations(setting, sightings);
+    let look = ImplicitOptions {
+        max_iterations: 0,
+        correct_bias: false,
+        ..ImplicitOptions::default()
+    };
+    let seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
+    let near = |d: &f64| d.is_finite() && options.gate.is_none_or(|g| d.abs() <= g);
+    let used: Vec<bool> = seen.distances.iter().map(near).collect();
+    let squares: f64 = seen
+        .distances
+        .iter()
+        .zip(&used)
+        .filter(|(_, u)| **u)
+        .map(|(d, _)| d * d)
+        .sum();
+    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    Ok(ContourFit {
+        kind: setting.kind.clone(),
+        state,
+        covariance,
+        distances: seen.distances,
+        used,
+        squares,
+        log_likelihood: -0.5 * squares - left_out * gate_cost(options.gate),
+        termination: Termination::Converged,
+        pivot: setting.pivot,
+        time_s: setting.time_s,
+    })
+}
+
+/// Drops the errors of the last pose, and takes those of the next into the state.
+fn change_pose(filter: &mut KalmanFilter, n: usize) -> Result<()> {
+    let had = filter.mean().len();
+    let mut transition = DMatrix::zeros(n + 3, had);
+    let mut fresh = DMatrix::zeros(n + 3, n + 3);
+    for k in 0..n {
+        transition[(k, k)] = 1.0;
+    }
+    for k in n..n + 3 {
+        fresh[(k, k)] = 1.0;
+    }
+    filter.predict(&transition, &fresh)
+}

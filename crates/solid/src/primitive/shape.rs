@@ -1,0 +1,257 @@
+//! Shapes in space, their parameters about a chart, and signed distances.
+
+use nalgebra::{Matrix3, Vector3};
+use std::fmt;
+
+/// What sort of surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Shape {
+    /// `normal_x normal_y normal_z offset`: the points with `n·p = offset`.
+    Plane,
+    /// `center_x center_y center_z radius`.
+    Sphere,
+    /// A cylinder without ends: `point_x point_y point_z axis_x axis_y axis_z radius`, the point that of the axis nearest to
+    /// the middle of the readings.
+    Cylinder,
+    /// `center_x center_y center_z length width height` and its three axes, `length_x … height_z`.
+    Box,
+}
+
+impl fmt::Display for Shape {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            Self::Plane => "plane3",
+            Self::Sphere => "sphere",
+            Self::Cylinder => "cylinder",
+            Self::Box => "box",
+        })
+    }
+}
+
+impl Shape {
+    /// All shapes.
+    pub const ALL: [Self; 4] = [Self::Plane, Self::Sphere, Self::Cylinder, Self::Box];
+
+    /// How many unknowns it has.
+    #[must_use]
+    pub fn unknowns(self) -> usize {
+        match self {
+            Self::Plane => 3,
+            Self::Sphere => 4,
+            Self::Cylinder => 5,
+            Self::Box => 9,
+        }
+    }
+
+    /// Names of the parameters that are reported; of directions all three components.
+    #[must_use]
+    pub fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Plane => &["normal_x", "normal_y", "normal_z", "offset"],
+            Self::Sphere => &["center_x", "center_y", "center_z", "radius"],
+            Self::Cylinder => &["point_x", "point_y", "point_z", "axis_x", "axis_y", "axis_z", "radius"],
+            Self::Box => &[
+                "center_x", "center_y", "center_z", "length", "width", "height", "length_x", "length_y", "length_z",
+                "width_x", "width_y", "width_z", "height_x", "height_y", "height_z",
+            ],
+        }
+    }
+
+    /// Smooth pieces: the six sides of a box.
+    pub(crate) fn pieces(self) -> usize {
+        if self == Self::Box { 6 } else { 1 }
+    }
+
+    /// Whether sizes are positive.
+    pub(crate) fn is_valid(self, x: &[f64]) -> bool {
+        x.iter().all(|value| value.is_finite())
+            && match self {
+                Self::Plane => true,
+                Self::Sphere => x[3] > 0.0,
+                Self::Cylinder => x[4] > 0.0,
+                Self::Box => x[6..9].iter().all(|&size| size > 0.0),
+            }
+    }
+}
+
+/// A frame in which directions are near the third axis, or rotations near none: no parameter is singular there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Chart {
+    /// Where coordinates are counted from.
+    pub(crate) pivot: Vector3<f64>,
+    /// Columns: the axes of the frame.
+    pub(crate) frame: Matrix3<f64>,
+}
+
+impl Chart {
+    /// A chart whose third axis is `direction`.
+    pub(crate) fn along(pivot: Vector3<f64>, direction: Vector3<f64>) -> Self {
+        let third = direction.normalize();
+        let smallest = third.iamin();
+        let first = Vector3::ith(smallest, 1.0).cross(&third).normalize();
+        let second = third.cross(&first);
+        Self {
+            pivot,
+            frame: Matrix3::from_columns(&[first, second, third]),
+        }
+    }
+
+    /// The unit vector of `(a, b)`, and its derivatives by them.
+    fn direction(&self, a: f64, b: f64) -> (Vector3<f64>, [Vector3<f64>; 2]) {
+        let [first, second, third] = [0, 1, 2].map(|k| self.frame.column(k).into_owned());
+        let long = third + first * a + second * b;
+        let length = long.norm();
+        let n = long / length;
+        (n, [first, second].map(|e| (e - n * n.dot(&e)) / length))
+    }
+
+    /// The rotation of a box, world from its own axes.
+    fn rotation(&self, w: [f64; 3]) -> Matrix3<f64> {
+        self.frame * nalgebra::Rotation3::new(Vector3::from(w)).into_inner()
+    }
+
+    /// Parameters as they are reported, about this chart.
+    pub(crate) fn reported(&self, shape: Shape, x: &[f64]) -> Vec<f64> {
+        match shape {
+            Shape::Plane => {
+                let (n, _) = self.direction(x[0], x[1]);
+                vec![n.x, n.y, n.z, x[2] + n.dot(&self.pivot)]
+            }
+            Shape::Sphere => (0..4).map(|k| x[k] + if k < 3 { self.pivot[k] } else { 0.0 }).collect(),
+            Shape::Cylinder => {
+                let (n, _) = self.direction(x[2], x[3]);
+                let c = self.axis_point(x);
+                // The point of the axis nearest to the pivot.
+                let p = c + n * n.dot(&(self.pivot - c));
+                vec![p.x, p.y, p.z, n.x, n.y, n.z, x[4]]
+            }
+            Shape::Box => {
+                let r = self.rotation([x[3], x[4], x[5]]);
+                let mut values: Vec<f64> = (0..3).map(|k| x[k] + self.pivot[k]).collect();
+                // Longest first; directions with a first component that is not negative.
+                let mut order = [0, 1, 2];
+                order.sort_by(|&a: &usize, &b: &usize| x[6 + b].total_cmp(&x[6 + a]));
+                values.extend(order.map(|k| x[6 + k]));
+                for k in order {
+                    let axis = r.column(k);
+                    let sign = if axis[axis.iamax()] < 0.0 { -1.0 } else { 1.0 };
+                    values.extend(axis.iter().map(|c| sign * c));
+                }
+                values
+            }
+        }
+    }
+
+    fn axis_point(&self, x: &[f64]) -> Vector3<f64> {
+        self.pivot + self.frame.column(0) * x[0] + self.frame.column(1) * x[1]
+    }
+}
+
+/// Signed distance to a piece of a shape, positive outside, and `∂g/∂p`; fills `∂g/∂x`.
+pub(crate) fn distance(
+    shape: Shape,
+    chart: &Chart,
+    x: &[f64],
+    piece: usize,
+    p: &Vector3<f64>,
+    by_state: &mut [f64],
+) -> (f64, Vector3<f64>) {
+    match shape {
+        Shape::Plane => {
+            let (n, by) = chart.direction(x[0], x[1]);
+            let d = p - chart.pivot;
+            by_state[0] = by[0].dot(&d);
+            by_state[1] = by[1].dot(&d);
+            by_state[2] = -1.0;
+            (n.dot(&d) - x[2], n)
+        }
+        Shape::Sphere => {
+            let d = p - chart.pivot - Vector3::new(x[0], x[1], x[2]);
+            let length = d.norm();
+            let n = d / length;
+            for k in 0..3 {
+                by_state[k] = -n[k];
+            }
+            by_state[3] = -1.0;
+            (length - x[3], n)
+        }
+        Shape::Cylinder => {
+            let (axis, by) = chart.direction(x[2], x[3]);
+            let d = p - chart.axis_point(x);
+            let along = axis.dot(&d);
+            let across = d - axis * along;
+            let length = across.norm();
+            let n = across / length;
+            by_state[0] = -n.dot(&chart.frame.column(0));
+            by_state[1] = -n.dot(&chart.frame.column(1));
+            // n is across the axis, so that only −(∂axis) (axis·d) stays.
+            by_state[2] = -along * n.dot(&by[0]);
+            by_state[3] = -along * n.dot(&by[1]);
+            by_state[4] = -1.0;
+            (length - x[4], n)
+        }
+        Shape::Box => {
+            let (axis, sign) = side(piece);
+            let w = Vector3::new(x[3], x[4], x[5]);
+            let r = chart.rotation([x[3], x[4], x[5]]);
+            let n = r.column(axis) * sign;
+            let q = r.transpose() * (p - chart.pivot - Vector3::new(x[0], x[1], x[2]));
+            by_state.fill(0.0);
+            for k in 0..3 {
+                by_state[k] = -n[k];
+            }
+            // q = Rᵀ d and dR = R [J dw]ₓ: dq = q × (J dw).
+            let jacobian = right_jacobian(&w);
+            for k in 0..3 {
+                by_state[3 + k] = sign * q.cross(&jacobian.column(k))[axis];
+            }
+            by_state[6 + axis] = -0.5;
+            (sign * q[axis] - 0.5 * x[6 + axis], n)
+        }
+    }
+}
+
+/// How far a point lies from the nearest edge of a side of a box, within it; less than none beyond it. Infinitely far for
+/// what has no edges.
+pub(crate) fn within(shape: Shape, chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> f64 {
+    if shape != Shape::Box {
+        return f64::INFINITY;
+    }
+    let q = local(chart, x, p);
+    let (axis, _) = side(piece);
+    let others = (0..3).filter(|&k| k != axis);
+    others
+        .map(|k| 0.5 * x[6 + k] - q[k].abs())
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// The part by which a point overshoots a side of a box, as a vector in space.
+pub(crate) fn overshoot(chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> Vector3<f64> {
+    let q = local(chart, x, p);
+    let (axis, _) = side(piece);
+    let mut over = Vector3::zeros();
+    for k in (0..3).filter(|&k| k != axis) {
+        over[k] = (q[k].abs() - 0.5 * x[6 + k]).max(0.0) * q[k].signum();
+    }
+    chart.rotation([x[3], x[4], x[5]]) * over
+}
+
+fn local(chart: &Chart, x: &[f64], p: &Vector3<f64>) -> Vector3<f64> {
+    chart.rotation([x[3], x[4], x[5]]).transpose() * (p - chart.pivot - Vector3::new(x[0], x[1], x[2]))
+}
+
+fn side(piece: usize) -> (usize, f64) {
+    (piece / 2, if piece.is_multiple_of(2) { 1.0 } else { -1.0 })
+}
+
+/// `J` with `exp([w + dw]ₓ) = exp([w]ₓ) exp([J dw]ₓ)`.
+fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
+    let cross = w.cross_matrix();
+    let angle = w.norm();
+    if angle < 1e-6 {
+        return Matrix3::identity() - 0.5 * cross;
+    }
+    let squared = angle * angle;
+    Matrix3::identity() - cross * ((1.0 - angle.cos()) / squared)
+        + cross * cross * ((angle - angle.sin()) / (squared * angle))
+}

@@ -1,0 +1,159 @@
+//! Rays to shapes that are known exactly.
+
+use super::ray::{Ray, Seen};
+use super::shape::Shape;
+use nalgebra::{Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// A shape that is measured: its kind, where its middle is, how it is turned, and its sizes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solid {
+    /// The shape.
+    pub shape: Shape,
+    /// Its middle.
+    pub center: [f64; 3],
+    /// Rotation vector, world from its own axes; planes look along their third axis, cylinders lie along it.
+    pub turn: [f64; 3],
+    /// Of a box its length, width and height; of a sphere the radius; of a cylinder the radius and what is seen of its length;
+    /// of a plane the two sides of the square that is seen. What is not needed is not looked at.
+    pub size: [f64; 3],
+}
+
+/// How shapes are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpaceSensor {
+    /// Distance of the sensor from the middle.
+    pub standoff: f64,
+    /// σ of each coordinate of the sensor.
+    pub sigma_position: f64,
+    /// σ of azimuth and elevation, in radians.
+    pub sigma_angle_rad: f64,
+    /// σ of the range as a share of it.
+    pub sigma_range_share: f64,
+}
+
+/// Rays with and without errors: the latter state the same σ.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SimulatedRays {
+    /// As a sensor gives them.
+    pub noisy: Vec<Ray>,
+    /// As they should be.
+    pub exact: Vec<Ray>,
+}
+
+impl Solid {
+    /// The parameters in the order of [`Shape::names`]; of a cylinder with the middle as its point.
+    #[must_use]
+    pub fn parameters(&self) -> Vec<f64> {
+        let r = self.rotation();
+        let axis = |k: usize| {
+            let n = r.matrix().column(k).into_owned();
+            if n[n.iamax()] < 0.0 { -n } else { n }
+        };
+        let mut values = self.center.to_vec();
+        match self.shape {
+            Shape::Plane => {
+                let n = axis(2);
+                values = vec![n.x, n.y, n.z, n.dot(&Vector3::from(self.center))];
+            }
+            Shape::Sphere => values.push(self.size[0]),
+            Shape::Cylinder => {
+                values.extend(axis(2).iter());
+                values.push(self.size[0]);
+            }
+            Shape::Box => {
+                let mut order = [0, 1, 2];
+                order.sort_by(|&a: &usize, &b: &usize| self.size[b].total_cmp(&self.size[a]));
+                values.extend(order.map(|k| self.size[k]));
+                for k in order {
+                    values.extend(axis(k).iter());
+                }
+            }
+        }
+        values
+    }
+
+    fn rotation(&self) -> Rotation3<f64> {
+        Rotation3::new(Vector3::from(self.turn))
+    }
+
+    /// A place on the surface, drawn evenly, and the outward normal there, in its own axes.
+    fn draw(&self, random: &mut ChaCha8Rng) -> (Vector3<f64>, Vector3<f64>) {
+        let mut side = |length: f64| length * random.random_range(-0.5..0.5);
+        match self.shape {
+            Shape::Plane => (Vector3::new(side(self.size[0]), side(self.size[1]), 0.0), Vector3::z()),
+            Shape::Sphere => {
+                let z: f64 = side(2.0);
+                let (sin, cos) = side(std::f64::consts::TAU).sin_cos();
+                let across = (1.0 - z * z).sqrt();
+                let n = Vector3::new(across * cos, across * sin, z);
+                (n * self.size[0], n)
+            }
+            Shape::Cylinder => {
+                let (sin, cos) = side(std::f64::consts::TAU).sin_cos();
+                let n = Vector3::new(cos, sin, 0.0);
+                (n * self.size[0] + Vector3::z() * side(self.size[1]), n)
+            }
+            Shape::Box => {
+                let [a, b, c] = self.size;
+                let at = random.random_range(0.0..b * c + a * c + a * b);
+                let axis = usize::from(at > b * c) + usize::from(at > b * c + a * c);
+                let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
+                let mut p = Vector3::from(self.size.map(|length| length * random.random_range(-0.5..0.5)));
+                p[axis] = 0.5 * sign * self.size[axis];
+                (p, Vector3::ith(axis, sign))
+            }
+        }
+    }
+}
+
+/// Rays to a shape from all around. Each aims at a place drawn evenly from the surface, from within 35° of the normal there:
+/// what it meets first is that place. The same seed gives the same rays.
+#[must_use]
+pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> SimulatedRays {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut made = SimulatedRays::default();
+    let (rotation, center) = (solid.rotation(), Vector3::from(solid.center));
+    for line in 0..count {
+        let (place, normal) = solid.draw(&mut random);
+        let tilt = (
+            0.61 * random.random::<f64>().sqrt(),
+            std::f64::consts::TAU * random.random::<f64>(),
+        );
+        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+        let second = normal.cross(&first);
+        let back = normal * tilt.0.cos() + (first * tilt.1.cos() + second * tilt.1.sin()) * tilt.0.sin();
+        let place = center + rotation * place;
+        let range = sensor.standoff - (place - center).norm().min(0.9 * sensor.standoff);
+        let origin = place + rotation * back * range;
+        let look = place - origin;
+        let direction_rad = [look.y.atan2(look.x), look.z.atan2(look.x.hypot(look.y))];
+        let sigma_range = sensor.sigma_range_share * range;
+        let [position, angle] = [sensor.sigma_position, sensor.sigma_angle_rad];
+        let sigma = [position, position, position, angle, angle, sigma_range];
+        let mut error = |sigma: f64| sigma * random.sample::<f64, _>(StandardNormal);
+        let noisy = Seen::Range {
+            origin: [0, 1, 2].map(|k| origin[k] + error(position)),
+            direction_rad: direction_rad.map(|d| d + error(angle)),
+            range: range + error(sigma_range),
+            sigma,
+        };
+        let exact = Seen::Range {
+            origin: origin.into(),
+            direction_rad,
+            range,
+            sigma,
+        };
+        made.noisy.push(Ray {
+            seen: noisy,
+            line: line + 2,
+        });
+        made.exact.push(Ray {
+            seen: exact,
+            line: line + 2,
+        });
+    }
+    made
+}
