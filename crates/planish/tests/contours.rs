@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use planish::contour::{
-    CarmenOptions, ContourJob, ContourReport, FitOptions, Form, Kind, Motion, Relation, Shape, SigmaDefaults,
-    contour_files,
+    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Motion, Relation, Shape,
+    SigmaDefaults, contour_files,
 };
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
@@ -32,6 +32,7 @@ fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
         gap: None,
         outputs: Vec::new(),
         pixel: None,
+        constrain: ConstrainJob::default(),
         unit: Some(Unit::Millimetre),
     }
 }

@@ -19,6 +19,9 @@ fn solved(views: Vec<PathBuf>, outputs: Vec<PathBuf>) -> planish::Result<SolidRe
     let job = SolidJob {
         views,
         projection: Projection::FirstAngle,
+        kinds: None,
+        level: 0.001,
+        graphs: Vec::new(),
         outputs,
         all: false,
         unit: None,

@@ -1,6 +1,7 @@
 //! What curvature makes of noise: the mean of a signed distance is not zero, and it leans with its row.
 
 use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized};
+use std::f64::consts::FRAC_PI_2;
 
 /// Spacing of differences, in standard deviations: the noise itself is one.
 const SPACING: f64 = 0.05;
@@ -8,13 +9,52 @@ const SPACING: f64 = 0.05;
 const BENT: f64 = 0.1;
 /// How far along the most curved direction its changes are looked for, in standard deviations.
 const REACH: f64 = 1.2;
-/// Nodes and weights of the Gauss–Hermite rule of five, for a standard normal variable.
-const HERMITE: [(f64, f64); 5] = [
-    (-2.856_970_013_872_806, 0.011_257_411_327_720_7),
-    (-1.355_626_179_974_266, 0.222_075_922_005_612_6),
-    (0.0, 0.533_333_333_333_333_3),
-    (1.355_626_179_974_266, 0.222_075_922_005_612_6),
-    (2.856_970_013_872_806, 0.011_257_411_327_720_7),
+/// Where one expansion of the modified Bessel functions gives way to the other, and both for orders 0 and 1: of `I₀` and `I₁/z` in `(z/3.75)²`,
+/// and of `√z e^{−z} I` in `3.75/z`.
+const BESSEL_SPLIT: f64 = 3.75;
+const BESSEL_NEAR: [[f64; 7]; 2] = [
+    [
+        1.0,
+        3.515_622_9,
+        3.089_942_4,
+        1.206_749_2,
+        0.265_973_2,
+        0.036_076_8,
+        0.004_581_3,
+    ],
+    [
+        0.5,
+        0.878_905_94,
+        0.514_988_69,
+        0.150_849_34,
+        0.026_587_33,
+        0.003_015_32,
+        0.000_324_11,
+    ],
+];
+const BESSEL_FAR: [[f64; 9]; 2] = [
+    [
+        0.398_942_28,
+        0.013_285_92,
+        0.002_253_19,
+        -0.001_575_65,
+        0.009_162_81,
+        -0.020_577_06,
+        0.026_355_37,
+        -0.016_476_33,
+        0.003_923_77,
+    ],
+    [
+        0.398_942_28,
+        -0.039_880_24,
+        -0.003_620_18,
+        0.001_638_01,
+        -0.010_315_55,
+        0.022_829_67,
+        -0.028_953_12,
+        0.017_876_54,
+        -0.004_200_59,
+    ],
 ];
 
 /// Second derivatives by the noise.
@@ -173,19 +213,30 @@ fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MOST_NOISE]) {
     (value, vector.map(|component| component / length))
 }
 
-/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean of a distance to a circle, odd in `κ`.
+/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean of a distance to a circle, odd in `κ`. Rice's,
+/// `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
 fn rice(curvature: f64) -> f64 {
     let squared = curvature * curvature;
     if squared < 0.04 {
         return curvature * (0.5 + squared * (0.125 + 0.1875 * squared));
     }
     let radius = 1.0 / curvature.abs();
-    let mut mean = 0.0;
-    for (normal, normal_weight) in HERMITE {
-        for (tangent, weight) in &HERMITE[2..] {
-            let both = if *tangent == 0.0 { 1.0 } else { 2.0 };
-            mean += both * weight * normal_weight * (radius + normal).hypot(*tangent);
-        }
-    }
+    let z = 0.25 * radius * radius;
+    let [i0, i1] = scaled_bessel(z);
+    let mean = FRAC_PI_2.sqrt() * ((1.0 + 2.0 * z) * i0 + 2.0 * z * i1);
     (mean - radius) * curvature.signum()
+}
+
+/// `e^{−z} I₀(z)` and `e^{−z} I₁(z)` for `z ≥ 0`, to 2e-7 of their size (Abramowitz and Stegun 1964, 9.8.1 to 9.8.4).
+fn scaled_bessel(z: f64) -> [f64; 2] {
+    let polynomial = |t: f64, factors: &[f64]| factors.iter().rev().fold(0.0, |sum, f| sum * t + f);
+    if z < BESSEL_SPLIT {
+        let (t, scale) = ((z / BESSEL_SPLIT).powi(2), (-z).exp());
+        [
+            scale * polynomial(t, &BESSEL_NEAR[0]),
+            scale * z * polynomial(t, &BESSEL_NEAR[1]),
+        ]
+    } else {
+        BESSEL_FAR.map(|factors| polynomial(BESSEL_SPLIT / z, &factors) / z.sqrt())
+    }
 }
