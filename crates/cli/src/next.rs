@@ -148,7 +148,7 @@ fn changes(lines: &mut Lines, worst: Change, mean: Change) {
 
 fn already_reached(worst: Change, mean: Change) -> String {
     let mut lines = Lines::default();
-    lines.line("The model reaches the goal as it is: nothing need be measured.".to_owned());
+    lines.line("The model reaches the goal as it is: nothing need be measured.");
     lines.gap();
     changes(&mut lines, worst, mean);
     lines.into_text()
