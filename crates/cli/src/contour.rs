@@ -9,7 +9,7 @@ use planish::contour::{
     SigmaDefaults, contour_files,
 };
 use planish::progress::Progress;
-use planish::simulate::{ReadingsOptions, ViewsOptions, write_readings_scene, write_views_scene};
+use planish::simulate::{ReadingsOptions, ReadingsSummary, ViewsOptions, write_readings_scene, write_views_scene};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -185,6 +185,22 @@ struct SceneBody {
     termination: &'static str,
 }
 
+fn scene_summary(made: ReadingsSummary, unit: Unit, lines: Lines) -> Summary<SceneBody> {
+    Summary {
+        text: lines.into_text(),
+        unit: Some(unit),
+        inputs: Vec::new(),
+        outputs: made.files,
+        warnings: Vec::new(),
+        body: SceneBody {
+            rows: made.rows,
+            columns: made.columns,
+            warnings: [],
+            termination: "converged",
+        },
+    }
+}
+
 /// Runs `simulate scene readings`; returns the exit code.
 pub fn run_scene(args: &ReadingsArgs) -> u8 {
     report::run("simulate scene readings", &args.common, |_| scene(args))
@@ -227,19 +243,7 @@ fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
         "  planish contour {}{motion} -o contour.json -o contour.svg",
         args.out.join("readings.csv").display()
     ));
-    Ok(Summary {
-        text: lines.into_text(),
-        unit: Some(unit),
-        inputs: Vec::new(),
-        outputs: made.files,
-        warnings: Vec::new(),
-        body: SceneBody {
-            rows: made.rows,
-            columns: made.columns,
-            warnings: [],
-            termination: "converged",
-        },
-    })
+    Ok(scene_summary(made, unit, lines))
 }
 
 /// Runs `simulate scene views`; returns the exit code.
@@ -273,17 +277,5 @@ fn views(args: &ViewsArgs) -> Result<Summary<SceneBody>> {
         args.out.join("front/readings.csv").display()
     ));
     lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json");
-    Ok(Summary {
-        text: lines.into_text(),
-        unit: Some(unit),
-        inputs: Vec::new(),
-        outputs: made.files,
-        warnings: Vec::new(),
-        body: SceneBody {
-            rows: made.rows,
-            columns: made.columns,
-            warnings: [],
-            termination: "converged",
-        },
-    })
+    Ok(scene_summary(made, unit, lines))
 }

@@ -6,6 +6,9 @@ use planish::contour::{Kind, Shape};
 use planish::next::Length;
 use std::path::PathBuf;
 
+/// More corners than this are not fitted.
+const MOST_CORNERS: usize = 40;
+
 const CONTOUR_EXAMPLES: &str = "\
 Examples:
   planish simulate scene readings --shape rectangle --out seen
@@ -210,31 +213,15 @@ fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "auto" {
         return Ok(KindChoice::Auto);
     }
-    let counted = |prefix: &str| {
-        text.strip_prefix(prefix)
-            .and_then(|n| n.parse::<usize>().ok())
-            .filter(|n| (3..=40).contains(n))
-    };
     if let Some(shape) = Shape::ALL.into_iter().find(|shape| shape.to_string() == text) {
         return Ok(KindChoice::InSpace(shape));
     }
-    Ok(KindChoice::Of(match text {
-        "line" => Kind::Line,
-        "circle" => Kind::Circle,
-        "ellipse" => Kind::Ellipse,
-        "rectangle" => Kind::Rectangle,
-        "rounded-rectangle" => Kind::RoundedRectangle,
-        "slot" => Kind::Slot,
-        _ => match (counted("regular-polygon-"), counted("polygon-")) {
-            (Some(n), _) => Kind::RegularPolygon(n),
-            (_, Some(n)) => Kind::Polygon(n),
-            _ => {
-                return Err("needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N \
-                            with N from 3 to 40; or in space plane3, sphere, cylinder, box"
-                    .to_owned());
-            }
-        },
-    }))
+    Kind::of_name(text, MOST_CORNERS).map(KindChoice::Of).ok_or_else(|| {
+        format!(
+            "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N from 3 to {MOST_CORNERS}; \
+             or in space plane3, sphere, cylinder, box"
+        )
+    })
 }
 
 fn numbers<const N: usize>(text: &str, example: &str) -> Result<[f64; N], String> {

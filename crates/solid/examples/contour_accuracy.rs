@@ -36,15 +36,7 @@ fn main() {
     let mut list = || args.next().filter(|a| a != "all");
     let (chosen, numbers, methods, folder) = (list(), list(), list(), list());
     let has = |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|one| one == name));
-    let sensor = SensorOptions {
-        standoff: 3.0 * size,
-        sigma: [0.02 * size * noise, 0.02 * size * noise, 2f64.to_radians() * noise, 0.0],
-        sigma_range_share: 0.01 * noise,
-        sweep: 1,
-        outlier_share: 0.0,
-        velocity: [0.0; 3],
-        rate_hz: 1.0,
-    };
+    let sensor = SensorOptions::around(size, noise);
     println!(
         "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,scatter_over_kcr,nees_per_unknown,median_rmse_over_kcr,biases_over_kcr"
     );

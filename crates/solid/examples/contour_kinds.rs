@@ -24,15 +24,7 @@ fn main() {
     let mut all = 0;
     for noise in [0.1, 0.3, 1.0] {
         for (kind, theta) in &shapes {
-            let sensor = SensorOptions {
-                standoff: 3.0,
-                sigma: [0.02 * noise, 0.02 * noise, 2f64.to_radians() * noise, 0.0],
-                sigma_range_share: 0.01 * noise,
-                sweep: 1,
-                outlier_share: 0.0,
-                velocity: [0.0; 3],
-                rate_hz: 1.0,
-            };
+            let sensor = SensorOptions::around(1.0, noise);
             let names: Vec<String> = (0..runs)
                 .into_par_iter()
                 .map(|run| {

@@ -15,15 +15,7 @@ type Errors = Option<Vec<f64>>;
 
 fn main() {
     let runs: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(100);
-    let still = SensorOptions {
-        standoff: 3.0,
-        sigma: [0.02, 0.02, 2f64.to_radians(), 0.0],
-        sigma_range_share: 0.01,
-        sweep: 1,
-        outlier_share: 0.0,
-        velocity: [0.0; 3],
-        rate_hz: 100.0,
-    };
+    let still = SensorOptions::around(1.0, 1.0);
     let exact = SensorOptions {
         sigma: [0.006, 0.006, 0.6f64.to_radians(), 0.0],
         sigma_range_share: 0.003,

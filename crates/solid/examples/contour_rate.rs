@@ -6,15 +6,7 @@ use planish_solid::contour::{FitOptions, Kind, Method, SensorOptions, fit, range
 use std::time::Instant;
 
 fn main() {
-    let sensor = SensorOptions {
-        standoff: 3.0,
-        sigma: [0.02, 0.02, 2f64.to_radians(), 0.0],
-        sigma_range_share: 0.01,
-        sweep: 1,
-        outlier_share: 0.0,
-        velocity: [0.0; 3],
-        rate_hz: 1.0,
-    };
+    let sensor = SensorOptions::around(1.0, 1.0);
     for (kind, theta) in [
         (Kind::Circle, vec![0.0, 0.0, 1.0]),
         (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5]),

@@ -30,6 +30,7 @@ mod start;
 
 pub use choose::{Alternative, Choice, auto_kinds, choose};
 pub(crate) use curve::arc_circle;
+pub(crate) use fit::Judged;
 pub use fit::{ContourFit, FitOptions, Method, bound, fit};
 pub use kind::{Kind, Outline};
 pub use parts::{contains, separate};

@@ -156,39 +156,22 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
 fn kind_of(name: &str, order: &[String]) -> Result<Kind> {
-    let counted = |prefix: &str| {
-        name.strip_prefix(prefix)
-            .and_then(|count| count.parse::<usize>().ok())
-            .filter(|count| (3..=MOST_CORNERS).contains(count))
-    };
-    Ok(match name {
-        "line" => Kind::Line,
-        "circle" => Kind::Circle,
-        "ellipse" => Kind::Ellipse,
-        "rectangle" => Kind::Rectangle,
-        "rounded-rectangle" => Kind::RoundedRectangle,
-        "slot" => Kind::Slot,
-        "chain" => {
-            let corners = order
-                .iter()
-                .filter(|name| name.starts_with('x'))
-                .count()
-                .min(MOST_CORNERS);
-            let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
-            Kind::Chain {
-                arcs: (0..corners).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
-                closed: true,
-            }
-        }
-        _ => match (counted("regular-polygon-"), counted("polygon-")) {
-            (Some(count), _) => Kind::RegularPolygon(count),
-            (None, Some(count)) => Kind::Polygon(count),
-            (None, None) => {
-                return Err(Error::input(format!(
-                    "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-N or chain"
-                )));
-            }
-        },
+    if name == "chain" {
+        let corners = order
+            .iter()
+            .filter(|name| name.starts_with('x'))
+            .count()
+            .min(MOST_CORNERS);
+        let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
+        return Ok(Kind::Chain {
+            arcs: (0..corners).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
+            closed: true,
+        });
+    }
+    Kind::of_name(name, MOST_CORNERS).ok_or_else(|| {
+        Error::input(format!(
+            "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-N or chain"
+        ))
     })
 }
 

@@ -32,28 +32,9 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
     // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are in world coordinates.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
     Ok(Some(match turned && planar {
-        true => curves.into_iter().map(mirrored).collect(),
+        true => curves.iter().map(|curve| curve.moved(|[x, y]| [-x, y], true)).collect(),
         false => curves,
     }))
-}
-
-fn mirrored(curve: Curve2) -> Curve2 {
-    let flip = |p: [f64; 2]| [-p[0], p[1]];
-    match curve {
-        Curve2::Segment(a, b) => Curve2::Segment(flip(a), flip(b)),
-        Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep,
-        } => Curve2::Arc {
-            center: flip(center),
-            radius,
-            start: TAU / 2.0 - start - sweep,
-            sweep,
-        },
-        Curve2::Chain(points) => Curve2::Chain(points.into_iter().map(flip).collect()),
-    }
 }
 
 fn point(record: &Record, code: i32) -> Result<[f64; 2]> {

@@ -368,27 +368,22 @@ fn some_scans(set: &ScanSet, scans: &[usize]) -> ScanSet {
 /// thing was when the first was taken.
 fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let order = propagate::scans_in_time(set)?;
-    let still = FitOptions {
+    let mut still = FitOptions {
         motion: None,
         ..options.clone()
     };
-    let plain = FitOptions {
+    let mut plain = FitOptions {
         symmetry: None,
         complete_smooth: false,
         snapshots: None,
         ..still.clone()
     };
-    let mut plain = plain;
     let mut first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.0, 0.15))?;
     // A thing that turns shows its sides in time: one that curves away from the scanner is no sheet.
     if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {
-        plain.shape = Some(Shape::Ball);
+        (still.shape, plain.shape) = (Some(Shape::Ball), Some(Shape::Ball));
         first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.15, 0.3))?;
     }
-    let still = FitOptions {
-        shape: plain.shape,
-        ..still
-    };
     let mut tracker = RigidTracker::new(&first, set, &order)?;
     for (k, &scan) in order.iter().enumerate().skip(1) {
         progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;

@@ -365,6 +365,32 @@ pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
     gate.map_or(0.0, |g| 0.5 * g * g)
 }
 
+/// What the distances of all readings say once those beyond the gate are left out.
+pub(crate) struct Judged {
+    pub(crate) used: Vec<bool>,
+    /// `Σ s²` over the readings that count.
+    pub(crate) squares: f64,
+    /// `−½ Σ s²`, less what the others cost.
+    pub(crate) log_likelihood: f64,
+}
+
+impl Judged {
+    pub(crate) fn of(distances: &[f64], gate: Option<f64>) -> Self {
+        let near = |d: &f64| d.is_finite() && gate.is_none_or(|g| d.abs() <= g);
+        let used: Vec<bool> = distances.iter().map(near).collect();
+        let squares: f64 = (distances.iter().zip(&used))
+            .filter(|(_, u)| **u)
+            .map(|(d, _)| d * d)
+            .sum();
+        let left_out = used.iter().filter(|u| !**u).count() as f64;
+        Self {
+            used,
+            squares,
+            log_likelihood: -0.5 * squares - left_out * gate_cost(gate),
+        }
+    }
+}
+
 fn fit_from(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
     match options.method {
         Method::Batch => batch(setting, sightings, start, options),

@@ -61,6 +61,28 @@ impl fmt::Display for Kind {
 }
 
 impl Kind {
+    /// A kind by the name that it is displayed with, polygons of three to so many corners; a chain is not known by its name.
+    #[must_use]
+    pub fn of_name(name: &str, most_corners: usize) -> Option<Self> {
+        let counted = |prefix: &str| {
+            name.strip_prefix(prefix)
+                .and_then(|count| count.parse::<usize>().ok())
+                .filter(|count| (3..=most_corners).contains(count))
+        };
+        Some(match name {
+            "line" => Self::Line,
+            "circle" => Self::Circle,
+            "ellipse" => Self::Ellipse,
+            "rectangle" => Self::Rectangle,
+            "rounded-rectangle" => Self::RoundedRectangle,
+            "slot" => Self::Slot,
+            _ => {
+                return (counted("regular-polygon-").map(Self::RegularPolygon))
+                    .or_else(|| counted("polygon-").map(Self::Polygon));
+            }
+        })
+    }
+
     /// How many parameters there are.
     #[must_use]
     pub fn parameters(&self) -> usize {

@@ -1,6 +1,6 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
-use super::fit::{ContourFit, FitOptions, Method, batch, corner_margin, equations, gate_cost, shared};
+use super::fit::{ContourFit, FitOptions, Judged, Method, batch, corner_margin, equations, shared};
 use super::sighting::{ContourReading, Setting, Sighting};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
@@ -73,16 +73,11 @@ pub(super) fn recursive(
         ..ImplicitOptions::default()
     };
     let seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
-    let near = |d: &f64| d.is_finite() && options.gate.is_none_or(|g| d.abs() <= g);
-    let used: Vec<bool> = seen.distances.iter().map(near).collect();
-    let squares: f64 = seen
-        .distances
-        .iter()
-        .zip(&used)
-        .filter(|(_, u)| **u)
-        .map(|(d, _)| d * d)
-        .sum();
-    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let Judged {
+        used,
+        squares,
+        log_likelihood,
+    } = Judged::of(&seen.distances, options.gate);
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state,
@@ -90,7 +85,7 @@ pub(super) fn recursive(
         distances: seen.distances,
         used,
         squares,
-        log_likelihood: -0.5 * squares - left_out * gate_cost(options.gate),
+        log_likelihood,
         termination: Termination::Converged,
         pivot: setting.pivot,
         time_s: setting.time_s,

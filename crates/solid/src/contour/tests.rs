@@ -285,10 +285,7 @@ fn triangles_with_sharp_corners_are_found() {
         standoff: 300.0,
         sigma: [0.2, 0.2, 0.2_f64.to_radians(), 0.0],
         sigma_range_share: 0.001,
-        sweep: 1,
-        outlier_share: 0.0,
-        velocity: [0.0; 3],
-        rate_hz: 100.0,
+        ..SENSOR
     };
     for seed in 0..40 {
         let made = ranges(&Kind::Polygon(3), &truth, [40.0, 30.0], 300, &options, seed);

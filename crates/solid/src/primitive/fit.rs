@@ -3,7 +3,7 @@
 use super::ray::{Ray, ShapeReading};
 use super::shape::{Chart, Shape};
 use super::start::starts;
-use crate::contour::{FitOptions, Method};
+use crate::contour::{FitOptions, Judged, Method};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
@@ -122,19 +122,12 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
         max_iterations: 0,
         ..settings
     };
-    let near = |distances: &[f64]| -> Vec<bool> {
-        let passes = |d: &f64| d.is_finite() && options.gate.is_none_or(|gate| d.abs() <= gate);
-        distances.iter().map(passes).collect()
-    };
-    let kept_of = |used: &[bool]| {
-        readings(
-            shape,
-            chart,
-            rays.iter().zip(used).filter(|(_, u)| **u).map(|(ray, _)| ray),
-        )
-    };
-    let mut used = near(&fit_implicit(&all, None, &at, &look)?.distances);
-    let kept = kept_of(&used);
+    let near = Judged::of(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
+    let kept = readings(
+        shape,
+        chart,
+        rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray),
+    );
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
     }
@@ -185,19 +178,16 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
         ));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
-    used = near(&distances);
-    let squares: f64 = distances
-        .iter()
-        .zip(&used)
-        .filter(|(_, u)| **u)
-        .map(|(d, _)| d * d)
-        .sum();
-    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let Judged {
+        used,
+        squares,
+        log_likelihood,
+    } = Judged::of(&distances, options.gate);
     Ok(PrimitiveFit {
         shape,
         parameters: chart.reported(shape, state.as_slice()),
         covariance: reported_covariance(shape, chart, &state, &covariance),
-        log_likelihood: -0.5 * squares - left_out * options.gate.map_or(0.0, |g| 0.5 * g * g),
+        log_likelihood,
         distances,
         used,
         squares,

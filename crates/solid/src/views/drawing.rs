@@ -1,6 +1,6 @@
 //! What a drawing holds: curves of a style in up to three views, in the model's coordinates.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// From where a view is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -97,6 +97,26 @@ impl Curve2 {
                     .collect()
             }
             Self::Chain(points) => points.clone(),
+        }
+    }
+
+    /// The curve where a rigid motion `to` of the plane takes it; `mirrored` where that also mirrors x, which runs arcs the other way.
+    #[must_use]
+    pub fn moved(&self, to: impl Fn([f64; 2]) -> [f64; 2], mirrored: bool) -> Self {
+        match self {
+            Self::Segment(a, b) => Self::Segment(to(*a), to(*b)),
+            Self::Arc {
+                center,
+                radius,
+                start,
+                sweep,
+            } => Self::Arc {
+                center: to(*center),
+                radius: *radius,
+                start: if mirrored { PI - start - sweep } else { *start },
+                sweep: *sweep,
+            },
+            Self::Chain(points) => Self::Chain(points.iter().map(|p| to(*p)).collect()),
         }
     }
 

@@ -8,7 +8,6 @@
 
 use super::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
 use planish_estimate::{Error, Result};
-use std::f64::consts::PI;
 
 /// Views are further apart than this share of the sheet's size.
 const GAP: f64 = 2e-3;
@@ -153,28 +152,13 @@ fn placed(curves: &[DrawnCurve], group: &Group, kind: ViewKind) -> View {
         let right = p[0] - x;
         [if mirrored { -right } else { right }, p[1] - group.span[1][0]]
     };
-    let moved = |curve: &Curve2| match curve {
-        Curve2::Segment(a, b) => Curve2::Segment(at(*a), at(*b)),
-        Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep,
-        } => Curve2::Arc {
-            center: at(*center),
-            radius: *radius,
-            start: if mirrored { PI - start - sweep } else { *start },
-            sweep: *sweep,
-        },
-        Curve2::Chain(points) => Curve2::Chain(points.iter().map(|p| at(*p)).collect()),
-    };
     View {
         kind,
         curves: group
             .curves
             .iter()
             .map(|&index| DrawnCurve {
-                curve: moved(&curves[index].curve),
+                curve: curves[index].curve.moved(at, mirrored),
                 ..curves[index].clone()
             })
             .collect(),
