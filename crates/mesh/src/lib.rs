@@ -2,7 +2,8 @@
 //!
 //! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold or not.
 //! Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface ([`sample_points`]), what
-//! kind of mesh it is ([`MeshCheck`]), and the summary of a comparison ([`DeviationStatistics`]).
+//! kind of mesh it is ([`MeshCheck`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
+//! sees of it ([`DepthBuffer`]).
 //!
 //! Not guaranteed: nothing here repairs a mesh, and nothing looks for self-intersections. The sign of a distance is
 //! right for a closed, consistently oriented mesh that does not cross itself; elsewhere it is the side of the
@@ -32,6 +33,7 @@ mod sampling;
 mod search;
 mod subdivision;
 mod triangle;
+mod visibility;
 
 pub use check::MeshCheck;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
@@ -41,3 +43,4 @@ pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
 pub use triangle::Feature;
+pub use visibility::{DepthBuffer, Projected, Seen};

@@ -19,7 +19,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{FolderInWork, Unit, check_writable, extension};
-use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
 use planish_spline::{Surface, TessellationOptions, tessellate};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -33,8 +33,8 @@ const SECONDS_PER_FRAME: f64 = 0.25;
 const MOST_TRIANGLES: u64 = 16_000;
 /// Columns and rows of a picture.
 const PICTURE: [usize; 2] = [800, 600];
-/// Rays along each side of a pixel.
-const RAYS: usize = 2;
+/// Places along each side of a pixel that are drawn.
+const SAMPLES: usize = 3;
 /// Dots of a picture, at most.
 const MOST_DOTS: usize = 6000;
 /// Where the camera stands: so far above the plane of a sheet, or in this direction from other shapes.
@@ -47,7 +47,8 @@ const SMALLEST: f64 = 0.6;
 /// The light that comes from everywhere, as a share.
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
-const PAPER: [u8; 3] = [250, 250, 248];
+/// What is behind everything, in linear brightness.
+const PAPER: [f64; 3] = [0.956, 0.956, 0.939];
 
 /// Where an animation goes.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,7 +136,7 @@ pub fn write_forming(
             for (k, frame) in frames.frames.iter().enumerate() {
                 progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
                 let places = &forming.places[..frames.readings[k].min(forming.places.len())];
-                let pixels = camera.draw(frame, &frames.triangles, places)?;
+                let pixels = camera.draw(frame, &frames.triangles, places);
                 write_colour_png(&folder.path().join(format!("frame_{:04}.png", k + 1)), PICTURE, &pixels)?;
             }
             folder.finish()?;
@@ -278,41 +279,47 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Pixels from the middle, right and up, and the distance.
+    /// Pixels from the middle, right and up, and the distance along the camera's axis.
     fn project(&self, p: [f64; 3]) -> [f64; 3] {
         let off = sub(p, self.at);
         let depth = dot(off, self.axes[2]);
         let on_screen = |k: usize| self.focal * dot(off, self.axes[k]) / depth;
-        [on_screen(0), on_screen(1), norm(off)]
+        [on_screen(0), on_screen(1), depth]
     }
 
-    /// The direction through a place of the picture.
-    fn ray(&self, x: f64, y: f64) -> [f64; 3] {
-        let [right, up, forward] = self.axes;
-        add_scaled(add_scaled(forward, x / self.focal, right), y / self.focal, up)
+    /// A place of the world in pixels from the upper left corner.
+    fn on_picture(&self, p: [f64; 3]) -> Projected {
+        let [x, y, depth] = self.project(p);
+        let [columns, rows] = PICTURE.map(|n| n as f64);
+        Projected {
+            at: [0.5 * columns + x, 0.5 * rows - y],
+            depth,
+        }
     }
 
     /// Draws a frame with its readings: red, green and blue of every pixel, row by row.
-    fn draw(&self, frame: &MeshFrame, triangles: &[[u32; 3]], places: &[[f64; 3]]) -> Result<Vec<u8>> {
-        let mesh = TriangleMesh {
-            positions: frame.points.clone(),
-            triangles: triangles.to_vec(),
-        };
-        let search = MeshSearch::try_new(&mesh)?;
+    fn draw(&self, frame: &MeshFrame, triangles: &[[u32; 3]], places: &[[f64; 3]]) -> Vec<u8> {
         let [columns, rows] = PICTURE;
+        let corners: Vec<Projected> = (frame.points.iter())
+            .map(|p| {
+                let Projected { at, depth } = self.on_picture(*p);
+                Projected {
+                    at: at.map(|x| SAMPLES as f64 * x),
+                    depth,
+                }
+            })
+            .collect();
+        let buffer = DepthBuffer::draw(SAMPLES * columns, SAMPLES * rows, &corners, triangles);
         let mut pixels: Vec<u8> = (0..columns * rows)
             .into_par_iter()
-            .flat_map_iter(|pixel| self.colour(frame, triangles, &search, pixel))
+            .flat_map_iter(|pixel| self.colour(frame, triangles, &buffer, [pixel % columns, pixel / columns]))
             .collect();
         let size = BoundingBox::of(&frame.points).map_or(0.0, |b| b.diagonal());
         for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
-            let [x, y, depth] = self.project(*place);
-            let hidden =
-                (search.first_hit(self.at, sub(*place, self.at))).is_some_and(|hit| hit.distance < depth - 0.03 * size);
-            let column = x + 0.5 * columns as f64;
-            let row = 0.5 * rows as f64 - y;
-            let inside = (1.0..columns as f64 - 1.0).contains(&column) && (1.0..rows as f64 - 1.0).contains(&row);
-            if hidden || !inside {
+            let Projected { at: [x, y], depth } = self.on_picture(*place);
+            let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
+            let middle = |x: f64| (SAMPLES as f64 * x) as usize;
+            if !inside || (buffer.at(middle(x), middle(y))).is_some_and(|seen| seen.depth < depth - 0.03 * size) {
                 continue;
             }
             // Few readings are large dots, many are single pixels.
@@ -325,40 +332,36 @@ impl Camera {
             };
             for dy in 0..width {
                 for dx in 0..width {
-                    let at =
-                        3 * ((row as usize + dy).min(rows - 1) * columns + (column as usize + dx).min(columns - 1));
+                    let at = 3 * ((y as usize + dy).min(rows - 1) * columns + (x as usize + dx).min(columns - 1));
                     pixels[at..at + 3].copy_from_slice(&DOT);
                 }
             }
         }
-        Ok(pixels)
+        pixels
     }
 
-    /// The colour of a pixel: matt, lit from the camera, the mean of its rays.
-    fn colour(&self, frame: &MeshFrame, triangles: &[[u32; 3]], search: &MeshSearch, pixel: usize) -> [u8; 3] {
-        let [columns, rows] = PICTURE;
-        let (column, row) = ((pixel % columns) as f64, (pixel / columns) as f64);
-        let mut sum = [0.0; 3];
-        for k in 0..RAYS * RAYS {
-            let step = |k: usize| (k as f64 + 0.5) / RAYS as f64;
-            let x = column + step(k % RAYS) - 0.5 * columns as f64;
-            let y = 0.5 * rows as f64 - row - step(k / RAYS);
-            let direction = self.ray(x, y);
-            let seen = match search.first_hit(self.at, direction) {
-                None => PAPER.map(f64::from),
-                Some(hit) => {
-                    let corners = triangles[hit.triangle as usize].map(|c| c as usize);
-                    let mix = |of: &[[f64; 3]]| {
-                        (corners.iter().zip(hit.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))
-                    };
-                    let normal = unit(mix(&frame.normals)).unwrap_or(hit.normal);
-                    let light = AMBIENT + (1.0 - AMBIENT) * (dot(normal, direction) / norm(direction)).abs();
-                    mix(&frame.colours).map(|c| screen(light * c))
-                }
-            };
-            sum = add(sum, seen);
-        }
-        sum.map(|c| (c / (RAYS * RAYS) as f64).round().clamp(0.0, 255.0) as u8)
+    /// The colour of a pixel: matt, lit from the camera, the mean brightness of its samples.
+    fn colour(&self, frame: &MeshFrame, triangles: &[[u32; 3]], buffer: &DepthBuffer, pixel: [usize; 2]) -> [u8; 3] {
+        let sample = |k: usize| {
+            let [column, row] = [0, 1].map(|axis| SAMPLES * pixel[axis] + [k % SAMPLES, k / SAMPLES][axis]);
+            match buffer.at(column, row) {
+                None => PAPER,
+                Some(seen) => self.shade(frame, triangles, &seen),
+            }
+        };
+        let sum = (0..SAMPLES * SAMPLES).map(sample).fold([0.0; 3], add);
+        sum.map(|c| screen(c / (SAMPLES * SAMPLES) as f64).round().clamp(0.0, 255.0) as u8)
+    }
+
+    fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &Seen) -> [f64; 3] {
+        let corners = triangles[seen.triangle as usize].map(|c| c as usize);
+        let mix = |of: &[[f64; 3]]| {
+            (corners.iter().zip(seen.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))
+        };
+        let direction = sub(mix(&frame.points), self.at);
+        let cosine = unit(mix(&frame.normals)).map_or(1.0, |normal| dot(normal, direction) / norm(direction));
+        let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
+        scale(light, mix(&frame.colours))
     }
 }
 

@@ -1,0 +1,196 @@
+//! Which triangle is seen through each place of a picture: a depth buffer.
+//!
+//! Comes in: corners as a camera projects them, and triangles. Goes out: for each place of a grid the nearest triangle, where on it, and how deep.
+//! Cost: a step for each place that a triangle covers, one band of rows for each thread.
+//!
+//! Not guaranteed: triangles that reach behind the camera are left out whole.
+
+use rayon::prelude::*;
+
+/// Rows that one thread draws at a time.
+const BAND: usize = 64;
+const NOTHING: u32 = u32::MAX;
+
+/// A corner as a camera sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projected {
+    /// Column and row, in places of the grid; the middle of the first place is at 0.5, 0.5.
+    pub at: [f64; 2],
+    /// Distance along the camera's axis; nothing at or behind the camera is drawn.
+    pub depth: f64,
+}
+
+/// What is seen through a place of the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Index of the triangle.
+    pub triangle: u32,
+    /// Weights of its corners, right for a central projection.
+    pub barycentric: [f64; 3],
+    /// Distance along the camera's axis.
+    pub depth: f64,
+}
+
+/// The nearest triangle in every place of a grid.
+#[derive(Debug, Clone)]
+pub struct DepthBuffer {
+    columns: usize,
+    places: Vec<Place>,
+}
+
+/// Kept small: large pictures have millions of them.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// One over the depth; what is nearer is larger.
+    nearness: f64,
+    triangle: u32,
+    /// Weights of the second and third corner.
+    weights: [f32; 2],
+}
+
+impl DepthBuffer {
+    /// Draws triangles into a grid of `columns` × `rows` places. Of two triangles at the same depth the one named first is seen.
+    #[must_use]
+    pub fn draw(columns: usize, rows: usize, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
+        let empty = Place {
+            nearness: 0.0,
+            triangle: NOTHING,
+            weights: [0.0; 2],
+        };
+        let mut places = vec![empty; columns * rows];
+        (places.par_chunks_mut((BAND * columns).max(1)).enumerate()).for_each(|(band, places)| {
+            let first_row = band * BAND;
+            for (t, triangle) in triangles.iter().enumerate() {
+                let corners = triangle.map(|c| corners[c as usize]);
+                draw_triangle(places, columns, first_row, &corners, t as u32);
+            }
+        });
+        Self { columns, places }
+    }
+
+    /// What is seen through the place in this column and row, which have to be within the grid.
+    #[must_use]
+    pub fn at(&self, column: usize, row: usize) -> Option<Seen> {
+        let place = self.places[row * self.columns + column];
+        let [b, c] = place.weights.map(f64::from);
+        (place.triangle != NOTHING).then(|| Seen {
+            triangle: place.triangle,
+            barycentric: [1.0 - b - c, b, c],
+            depth: 1.0 / place.nearness,
+        })
+    }
+}
+
+/// Draws one triangle into a band of rows.
+///
+/// In the picture, one over the depth is an affine function of the place, and so is each weight over the depth.
+fn draw_triangle(places: &mut [Place], columns: usize, first_row: usize, corners: &[Projected; 3], name: u32) {
+    let usable = |c: &Projected| c.depth > 0.0 && c.at.iter().all(|x| x.is_finite());
+    if !corners.iter().all(usable) {
+        return;
+    }
+    let [a, b, c] = corners.map(|corner| corner.at);
+    let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+    if area == 0.0 {
+        return;
+    }
+    let rows = places.len() / columns.max(1);
+    let range = |k: usize, from: usize, count: usize| {
+        let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]));
+        let place = |x: f64| (x - from as f64).clamp(0.0, count as f64) as usize;
+        place((low - 0.5).ceil())..place((high - 0.5).floor() + 1.0)
+    };
+    let nearness = corners.map(|corner| 1.0 / corner.depth);
+    let columns_covered = range(0, 0, columns);
+    for row in range(1, first_row, rows) {
+        let y = (first_row + row) as f64 + 0.5;
+        for column in columns_covered.clone() {
+            let x = column as f64 + 0.5;
+            let in_second = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area;
+            let in_third = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area;
+            let in_first = 1.0 - in_second - in_third;
+            if in_first < 0.0 || in_second < 0.0 || in_third < 0.0 {
+                continue;
+            }
+            let near = in_first * nearness[0] + in_second * nearness[1] + in_third * nearness[2];
+            let place = &mut places[row * columns + column];
+            if near > place.nearness {
+                *place = Place {
+                    nearness: near,
+                    triangle: name,
+                    weights: [in_second * nearness[1] / near, in_third * nearness[2] / near].map(|w| w as f32),
+                };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MeshSearch, icosphere};
+    use planish_estimate::vector3::{add_scaled, norm, sub};
+
+    /// The buffer sees what rays see, at the same depth, but for places on the silhouette.
+    #[test]
+    fn sees_what_rays_hit() {
+        let ball = icosphere(1.0, 3);
+        let search = MeshSearch::try_new(&ball).unwrap();
+        let (eye, focal, size) = ([0.1, -0.2, 3.0], 60.0, 101_usize);
+        let middle = 0.5 * size as f64;
+        // The camera looks down; rows go up with y, which is as good as any.
+        let corners: Vec<Projected> = (ball.positions.iter())
+            .map(|p| {
+                let depth = eye[2] - p[2];
+                Projected {
+                    at: [0, 1].map(|k| middle + focal * (p[k] - eye[k]) / depth),
+                    depth,
+                }
+            })
+            .collect();
+        let buffer = DepthBuffer::draw(size, size, &corners, &ball.triangles);
+        let (mut seen_by_both, mut other) = (0, 0);
+        for row in 0..size {
+            for column in 0..size {
+                let [x, y] = [column, row].map(|k| (k as f64 + 0.5 - middle) / focal);
+                let hit = search.first_hit(eye, [x, y, -1.0]);
+                match (buffer.at(column, row), hit) {
+                    (Some(seen), Some(hit)) => {
+                        seen_by_both += 1;
+                        let corners = ball.triangles[seen.triangle as usize].map(|c| ball.positions[c as usize]);
+                        let place = (corners.iter().zip(seen.barycentric))
+                            .fold([0.0; 3], |sum, (corner, w)| add_scaled(sum, w, *corner));
+                        assert!(norm(sub(place, hit.point)) < 1e-6, "{place:?} {hit:?}");
+                        assert!((eye[2] - place[2] - seen.depth).abs() < 1e-6);
+                    }
+                    (None, None) => {}
+                    _ => other += 1,
+                }
+            }
+        }
+        assert!(seen_by_both > 1000 && other == 0, "{seen_by_both} {other}");
+    }
+
+    /// What reaches behind the camera, has no area or is no number is left out and harms nothing.
+    #[test]
+    fn odd_triangles_are_left_out() {
+        let at = |x: f64, y: f64, depth: f64| Projected { at: [x, y], depth };
+        let corners = [
+            at(0.0, 0.0, 1.0),
+            at(4.0, 0.0, 1.0),
+            at(0.0, 4.0, -1.0),
+            at(f64::NAN, 4.0, 1.0),
+            at(2.0, 0.0, 1.0),
+            at(1e300, 1e300, 1.0),
+        ];
+        let triangles = [[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 1, 5]];
+        let buffer = DepthBuffer::draw(4, 4, &corners, &triangles);
+        for row in 0..4 {
+            for column in 0..4 {
+                let seen = buffer.at(column, row).map(|seen| seen.triangle);
+                assert!(seen.is_none_or(|triangle| triangle == 3), "{seen:?}");
+            }
+        }
+        assert!(DepthBuffer::draw(0, 0, &corners, &triangles).places.is_empty());
+    }
+}
