@@ -492,8 +492,13 @@ impl<'a> Posterior<'a> {
 
     /// The variance of the middle of a leaf along its normal.
     pub(crate) fn variance_at_middle(&self, leaf: usize) -> Result<f64> {
-        let normal = self.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
-        Ok(self.leaf(leaf)?.variance_along(&leaf_weights(0.5, 0.5), normal))
+        self.variance_in(leaf, [0.5; 2])
+    }
+
+    /// The variance of a place in a leaf along its normal.
+    pub(crate) fn variance_in(&self, leaf: usize, [s, t]: [f64; 2]) -> Result<f64> {
+        let normal = self.surface.leaf_jet(leaf, s, t).normal().unwrap_or_default();
+        Ok(self.leaf(leaf)?.variance_along(&leaf_weights(s, t), normal))
     }
 
     /// The surface that this is the covariance of.

@@ -121,7 +121,7 @@ pub fn match_stereo(
         contrast,
     };
     let sums = paths::sums(left, &cost, disparities, penalties, &mut |share| watch(0.7 * share))?;
-    let winners = winner::winners(&sums, disparities, options.uniqueness);
+    let winners = winner::winners(&sums, columns, disparities, options.least_disparity, options.uniqueness);
     let right_best = winner::right_winners(&sums, columns, disparities, options.least_disparity);
     drop(sums);
     watch(0.8)?;

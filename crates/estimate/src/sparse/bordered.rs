@@ -18,8 +18,8 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use super::CholeskyFactor;
 use crate::{Error, Result};
 
-/// Directions of which a larger share of the information is noise count as unknown.
-const MOST_NOISE: f64 = 0.25;
+/// Directions of which a larger share of the information than the first is noise count as known less, of the second as unknown.
+const MOST_NOISE: (f64, f64) = (0.25, 0.75);
 
 /// The reduced equations of the few unknowns, factored.
 #[derive(Debug, Clone)]
@@ -149,8 +149,8 @@ impl Bordered {
     /// The same without the information about the shared unknowns that is only `noise`, but never below what `least` says, and by how much
     /// their corner `P` has changed. All are `m × m`.
     ///
-    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S` is kept; nothing where `μ` is more
-    /// than a quarter, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left may fall below one.
+    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S` is kept where `μ` is less than a quarter; of more an ever smaller
+    /// part, and nothing from three quarters on, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left may fall below one.
     ///
     /// # Errors
     /// `Input` when `least` is not positive definite, or a size does not fit.
@@ -163,7 +163,8 @@ impl Bordered {
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
         let noise = DMatrix::from_column_slice(m, m, noise);
         let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
-            if share > MOST_NOISE { 0.0 } else { 1.0 - share }
+            let believed = (MOST_NOISE.1 - share) / (MOST_NOISE.1 - MOST_NOISE.0);
+            (1.0 - share).max(0.0) * believed.clamp(0.0, 1.0)
         });
         let least = Cholesky::new(DMatrix::from_column_slice(m, m, least)).ok_or_else(wrong)?;
         let after =

@@ -78,8 +78,8 @@ fn curvature_with_sigma(surface: &Surface, posterior: &Posterior<'_>, leaf: usiz
         return Ok(None);
     };
     let [a, b, c] = rows.form;
-    let slope: [f64; 16] =
-        std::array::from_fn(|k| c * rows.bends[0][k] - 2.0 * b * rows.bends[1][k] + a * rows.bends[2][k]);
+    let bends = &rows.bends_along_normals;
+    let slope: [f64; 16] = std::array::from_fn(|k| c * bends[0][k] - 2.0 * b * bends[1][k] + a * bends[2][k]);
     let variance = posterior.leaf(leaf)?.variance_along(&slope, rows.normal);
     Ok(Some([a * c - b * b, variance.max(0.0).sqrt()]))
 }

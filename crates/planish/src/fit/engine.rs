@@ -34,7 +34,7 @@ pub(super) struct Foot {
     /// What was read minus what the surface says, number by number. Of a position its signed distance from the surface, the expected lift by
     /// tangential noise taken off; of a normal how far the two tangents have to turn towards it; of a curvature `11`, `√2·12`, `22` of the
     /// second fundamental form: all numbers of a reading have one variance.
-    residuals: [f64; 3],
+    pub(super) residuals: [f64; 3],
     /// Variance of each residual as stated: of a position `nᵀRn`.
     pub variance: f64,
 }
@@ -78,7 +78,8 @@ impl Foot {
         })
     }
 
-    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which their motion along the foot's normal changes what is read.
+    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which the components along the foot's normal of their motion, each along its own normal,
+    /// change what is read.
     pub(super) fn rows(&self, surface: &Surface, mut each: impl FnMut(usize, &[f64; 16])) {
         if self.quantity == Quantity::Position {
             each(0, &leaf_weights(self.local[0], self.local[1]));
@@ -91,7 +92,7 @@ impl Foot {
             Quantity::Position => {}
             Quantity::Normal => (0..).zip(&rows.slopes).for_each(|(r, row)| each(r, row)),
             Quantity::Curvature => {
-                for (r, row) in (0..).zip(&rows.bends) {
+                for (r, row) in (0..).zip(&rows.bends_along_normals) {
                     each(r, &row.map(|c| CURVATURE_SCALE[r] * c));
                 }
             }

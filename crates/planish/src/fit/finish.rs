@@ -10,7 +10,7 @@ use super::observations::{Observations, Quantity, Rejection};
 use super::patch::Fused;
 use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
-use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, with_neighbours};
+use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
@@ -60,6 +60,9 @@ pub(super) fn finish(
         Some(fused) => fused.information(observations, &subset, &feet, &noise),
         None => weights(observations, &subset, &feet, &noise, options.gate, false),
     };
+    if earlier.is_none() {
+        refuse_a_surface_of_the_fewer(observations, &subset, &feet, &information)?;
+    }
     // What patches know is no information of the whole.
     let mut data = match &fused {
         Some(_) => system.nothing()?,
@@ -381,6 +384,60 @@ fn noise_of_surface(
         .collect()
 }
 
+/// Gross errors are fewer than what is right. A surface from which more positions are far than near has followed some of them at the expense of the others.
+fn refuse_a_surface_of_the_fewer(
+    observations: &Observations,
+    subset: &[u32],
+    feet: &[Foot],
+    information: &[f64],
+) -> Result<()> {
+    let (mut near, mut far) = (0_usize, 0_usize);
+    for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
+        let channel = &observations.channels[observations.channel(i as usize)];
+        if channel.quantity == Quantity::Position && !channel.invented && foot.state == FootState::Good {
+            *(if w > 0.0 { &mut near } else { &mut far }) += 1;
+        }
+    }
+    if far > near {
+        return Err(Error::undetermined(format!(
+            "only {near} of {} positions lie near the surface that was found, given their σ: there are too few for the shape, or their σ is stated too small; add readings, leave σ out so that it is \
+             estimated, or allow finer cells by --max-coefficients",
+            near + far
+        )));
+    }
+    Ok(())
+}
+
+/// How well the surface is known where each foot is and in what it reads: the largest variance of its rows.
+fn variances_of_surface(posterior: &Posterior<'_>, feet: &[Foot]) -> Result<Vec<f64>> {
+    let leaves = posterior.surface().space().leaves().len();
+    let (start, order) = by_leaf(feet, leaves);
+    let parts: Vec<Vec<(u32, f64)>> = (0..leaves)
+        .into_par_iter()
+        .map(|leaf| {
+            let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
+            if own.is_empty() {
+                return Ok(Vec::new());
+            }
+            let cell = posterior.leaf(leaf)?;
+            let variance = |k: u32| {
+                let foot = &feet[k as usize];
+                let mut largest = 0.0_f64;
+                foot.rows(posterior.surface(), |_, row| {
+                    largest = largest.max(cell.variance_along(row, foot.normal));
+                });
+                (k, largest)
+            };
+            Ok(own.iter().map(|&k| variance(k)).collect())
+        })
+        .collect::<Result<_>>()?;
+    let mut variances = vec![0.0; feet.len()];
+    for (k, variance) in parts.into_iter().flatten() {
+        variances[k as usize] = variance;
+    }
+    Ok(variances)
+}
+
 /// Lays new observations on the surface of a model whose hierarchy stays.
 pub(super) fn place(
     model: &SurfaceModel,
@@ -397,6 +454,8 @@ pub(super) fn place(
     let mut noise = SensorNoise::stated(observations);
     let (mut feet, mut factor) = (Vec::new(), None);
     let mut degrees = vec![0.0; observations.stated.len()];
+    // How well each reading's foot was known before: readings may be that far off as well, until the surface has heard of them.
+    let mut known_before: Vec<f64> = Vec::new();
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
         let search = if iteration == 0 {
@@ -405,11 +464,27 @@ pub(super) fn place(
             None
         };
         feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
-        noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
+        if iteration == 0 {
+            known_before = variances_of_surface(&model.posterior()?, &feet)?;
+            let predicted: Vec<Foot> = (feet.iter().zip(&known_before).zip(&subset))
+                .map(|((foot, of_surface), &i)| {
+                    let stated = observations.stated[observations.channel(i as usize)];
+                    Foot {
+                        variance: foot.variance + if stated { *of_surface } else { 0.0 },
+                        ..*foot
+                    }
+                })
+                .collect();
+            noise = SensorNoise::estimate(observations, &subset, &predicted, options.gate, &degrees, true)?;
+        } else {
+            noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
+        }
         if iteration == 3 {
             break;
         }
-        let information = weights(observations, &subset, &feet, &noise, options.gate, false);
+        let information = weights_beside(observations, &subset, &feet, &noise, options.gate, false, |k| {
+            known_before[k]
+        });
         let step = normal_step(
             &system,
             &surface,

@@ -385,7 +385,8 @@ impl Observations {
             made.keep_ground(scans, ground)?;
         }
         if !options.as_they_are {
-            made.complete_normals(options.checks.neighbours, !options.sheet)?;
+            let touched = |sensor: usize| sensors[sensor].kind == SensorKind::Touch;
+            made.complete_normals(options.checks.neighbours, !options.sheet, touched)?;
             if options.sheet {
                 made.turn_upwards();
             }
@@ -657,15 +658,18 @@ impl Observations {
         }
     }
 
-    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go.
-    fn complete_normals(&mut self, neighbours: usize, orient: bool) -> Result<()> {
+    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go, but for those
+    /// of sensors that are put somewhere deliberately.
+    fn complete_normals(&mut self, neighbours: usize, orient: bool, deliberate: impl Fn(usize) -> bool) -> Result<()> {
         if self.oriented.iter().all(|&o| o) {
             return Ok(());
         }
         let unknown = |made: &Self, i: usize| !made.oriented[i] && made.normals[i] == [0.0; 3];
         if (0..self.len()).any(|i| unknown(self, i)) {
             let cloud = cloud_geometry(&self.points, neighbours)?;
-            let gone: Vec<bool> = (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
+            let gone: Vec<bool> = (0..self.len())
+                .map(|i| unknown(self, i) && cloud.isolated[i] && !deliberate(self.channels[self.channel(i)].sensor))
+                .collect();
             for i in (0..self.len()).filter(|&i| !gone[i]) {
                 if unknown(self, i) {
                     self.normals[i] = cloud.normals[i].map(|c| c as f32);

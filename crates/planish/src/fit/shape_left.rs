@@ -55,6 +55,8 @@ struct Shared {
     precision: f64,
     /// Twice the number of pairs in the bins, in which a bin of n has n − 1 over n: the variance of `shape` under noise.
     spread: f64,
+    /// The surface's own variance where the readings lie, times `precision`.
+    of_surface: f64,
 }
 
 impl Shared {
@@ -62,12 +64,17 @@ impl Shared {
         self.shape += other.shape;
         self.precision += other.precision;
         self.spread += other.spread;
+        self.of_surface += other.of_surface;
     }
 
-    /// `m²` where it is significant, given the surface's own variance.
-    fn mean_square(&self, of_surface: f64, significant: f64) -> Option<f64> {
-        let shape = self.shape + of_surface * self.precision;
-        (self.spread > 0.0 && shape > significant * self.spread.sqrt()).then(|| shape / self.precision)
+    /// `m²` where it is significant. With `ν = spread/2` degrees of freedom `shape + ν` is χ² under noise, far from normal for a few of them: the cube root of
+    /// `χ²/ν` is normal with mean `1 − 2/9ν` and variance `2/9ν` (E. Wilson, M. Hilferty 1931).
+    fn mean_square(&self, significant: f64) -> Option<f64> {
+        let shape = self.shape + self.of_surface;
+        let degrees = 0.5 * self.spread;
+        let (mean, variance) = (1.0 - 2.0 / (9.0 * degrees), 2.0 / (9.0 * degrees));
+        let normal = ((shape / degrees + 1.0).max(0.0).cbrt() - mean) / variance.sqrt();
+        (self.spread > 0.0 && normal > significant).then(|| shape / self.precision)
     }
 }
 
@@ -82,7 +89,7 @@ pub(super) fn shape_left(
     let surface = posterior.surface();
     let leaves = surface.space().leaves().len();
     let (start, order) = by_leaf(feet, leaves);
-    let of_leaf = |leaf: usize| -> Shared {
+    let of_leaf = |leaf: usize| -> Result<Shared> {
         let near = || {
             let own = order[start[leaf] as usize..start[leaf + 1] as usize]
                 .iter()
@@ -100,10 +107,13 @@ pub(super) fn shape_left(
         let is_shape = outside as f64 > MOST_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];
+        let (mut all, mut middle) = (0.0, [0.0; 2]);
         for k in near().filter(|&k| is_shape || information[k] > 0.0) {
             let foot = &feet[k];
             let w = 1.0 / (noise.used[channels.of(k)] * foot.variance);
             let pull = w * foot.height();
+            all += w;
+            middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);
             for (sum, term) in bins[bin_of(foot.local)]
                 .iter_mut()
                 .zip([pull, pull * pull, w, w * w, 1.0])
@@ -117,12 +127,22 @@ pub(super) fn shape_left(
                 shape: (sum * sum - squares) / precision,
                 precision: precision - squared / precision,
                 spread: 2.0 * (1.0 - 1.0 / count),
+                of_surface: 0.0,
             });
         }
-        shared
+        if shared.precision > 0.0 {
+            // Readings may lie in one corner of a leaf whose middle nobody saw.
+            let variance = posterior.variance_in(leaf, middle.map(|x| x / all))?;
+            shared.of_surface = variance.max(0.0) * shared.precision;
+        }
+        Ok(shared)
     };
-    let sums: Vec<Shared> = (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect();
-    (0..leaves)
+    let sums: Vec<Shared> = (0..leaves)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(of_leaf)
+        .collect::<Result<_>>()?;
+    Ok((0..leaves)
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
@@ -130,14 +150,9 @@ pub(super) fn shape_left(
             for other in neighbourhood(surface.space(), leaf) {
                 together.add(&sums[other]);
             }
-            if together.spread == 0.0 {
-                return Ok(0.0);
-            }
-            let own = posterior.variance_at_middle(leaf)?.max(0.0);
-            let alone = sums[leaf].mean_square(own, SIGNIFICANT_ALONE);
-            Ok(alone
-                .or_else(|| together.mean_square(own, SIGNIFICANT_TOGETHER))
-                .unwrap_or(0.0))
+            (sums[leaf].mean_square(SIGNIFICANT_ALONE))
+                .or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
+                .unwrap_or(0.0)
         })
-        .collect()
+        .collect())
 }

@@ -106,11 +106,14 @@ pub(super) fn settle(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
-    let places = |c: &super::observations::Channel| c.quantity == Quantity::Position && !c.invented;
-    if !observations.channels.iter().any(places) {
+    let places = |i: usize| {
+        let channel = &observations.channels[observations.channel(i)];
+        channel.quantity == Quantity::Position && !channel.invented
+    };
+    if !(0..observations.len()).any(places) {
         return Err(Error::undetermined(
-            "no reading measures a position: normals and curvatures leave open where the surface lies and, of closed shapes, how large it is; add \
-             positions (a few touches will do), or say kind = \"range\" where the points of these sensors are measured, too",
+            "no reading that is left measures a position: normals and curvatures leave open where the surface lies; add positions (a few touches will do), or say \
+             kind = \"range\" where the points of these sensors are measured, too",
         ));
     }
     let surface = first_surface(observations, options, 1, progress)?;
@@ -535,15 +538,29 @@ pub(super) fn weights(
     gate: f64,
     finding: bool,
 ) -> Vec<f64> {
+    weights_beside(observations, subset, feet, noise, gate, finding, |_| 0.0)
+}
+
+/// [`weights`] where the surface from which feet are measured has a variance of its own, by foot: it widens the gate.
+pub(super) fn weights_beside(
+    observations: &Observations,
+    subset: &[u32],
+    feet: &[Foot],
+    noise: &SensorNoise,
+    gate: f64,
+    finding: bool,
+    of_surface: impl Fn(usize) -> f64,
+) -> Vec<f64> {
     subset
         .iter()
         .zip(feet)
-        .map(|(&i, foot)| {
+        .enumerate()
+        .map(|(k, (&i, foot))| {
             if foot.state != FootState::Good {
                 return 0.0;
             }
             let variance = noise.used[observations.channel(i as usize)] * foot.variance;
-            let r = foot.extremes().0 / variance.sqrt();
+            let r = foot.extremes().0 / (variance + of_surface(k)).sqrt();
             if finding {
                 let above =
                     observations.ground && foot.quantity == Quantity::Position && foot.height() * foot.normal[2] > 0.0;

@@ -21,10 +21,18 @@ pub(super) struct Winner {
 
 /// The winners of all pixels.
 ///
-/// `share` is how much more than the least the next minimum must cost, in hundredths.
-pub(super) fn winners(sums: &[u16], disparities: usize, share: u32) -> Vec<Winner> {
+/// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the disparity of index 0, of which a row of `columns` pixels has fewer the nearer to
+/// its beginning: beyond, the right image ends. A least sum at either end is no minimum: what lies beyond the end may match better.
+pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i32, share: u32) -> Vec<Winner> {
     sums.par_chunks_exact(disparities)
-        .map(|sums| winner(sums, share))
+        .enumerate()
+        .map(|(pixel, sums)| {
+            let mut found = winner(sums, share);
+            let within = (pixel % columns) as i64 - i64::from(least);
+            let last = within.min(disparities as i64 - 1);
+            found.clear &= found.best > 0 && i64::from(found.best) < last;
+            found
+        })
         .collect()
 }
 
@@ -125,6 +133,21 @@ mod tests {
         (rivals[4], rivals[24]) = (100, 110);
         let w = winner(&rivals, 15);
         assert!(w.best == 4 && !w.clear, "{w:?}");
+    }
+
+    #[test]
+    fn a_least_sum_at_an_end_of_the_range_is_no_minimum() {
+        // Two pixels at columns 0 and 9 of one row, disparities 2 to 5; the least is at the second, then at either end.
+        let clear = |sums: [u16; 4], column: usize| {
+            let mut row = vec![200_u16; 40];
+            row[4 * column..4 * column + 4].copy_from_slice(&sums);
+            winners(&row, 10, 4, 2, 10)[column].clear
+        };
+        assert!(clear([200, 100, 200, 300], 9));
+        assert!(!clear([100, 200, 300, 400], 9));
+        assert!(!clear([400, 300, 200, 100], 9));
+        // Disparities 4 and 5 look beyond the right image from column 3.
+        assert!(!clear([200, 100, 200, 300], 3));
     }
 
     #[test]
