@@ -276,6 +276,47 @@ mod tests {
         }
     }
 
+    /// One vertex after the other of a half cylinder moves along its own normal.
+    #[test]
+    fn rows_along_normals_are_the_derivatives_for_vertices_that_move_along_theirs() {
+        let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [13, 8]).unwrap());
+        let (radius, turn) = (30.0, 0.2);
+        let cylinder = crate::base::fit_function(&space, |u, v| {
+            let a = turn * (u - 6.5);
+            [radius * a.sin(), 6.0 * v, radius * a.cos()]
+        })
+        .unwrap();
+        let leaf = (0..space.leaves().len())
+            .find(|&l| space.leaves()[l].i == 6 && space.leaves()[l].j == 4)
+            .unwrap();
+        let local = [0.3, 0.8];
+        let rows = cylinder.tangent_rows(leaf, local).unwrap();
+        let step = 1e-4;
+        let (mut plain, mut along) = (0.0_f64, 0.0_f64);
+        for node in cylinder.space().extraction(leaf).0 {
+            let mut vertices = cylinder.vertices().to_vec();
+            let moved = &mut vertices[*node as usize];
+            let own = unit([moved[0], 0.0, moved[2]]).unwrap();
+            *moved = add_scaled(*moved, step, own);
+            let after = cylinder.with_vertices(vertices).unwrap();
+            let displaced: Vec<f64> = (after
+                .leaf_coefficients(leaf)
+                .iter()
+                .zip(cylinder.leaf_coefficients(leaf)))
+            .map(|(a, b)| dot(sub(*a, *b), rows.normal))
+            .collect();
+            let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
+            let now = after.tangent_rows(leaf, local).unwrap();
+            for n in 0..3 {
+                // The first tangent stays within the plane of the first direction, to first order.
+                let change = (now.form[n] - rows.form[n]) / step;
+                plain += (change - told(&rows.bends[n])).powi(2);
+                along += (change - told(&rows.bends_along_normals[n])).powi(2);
+            }
+        }
+        assert!(along < 0.01 * plain, "{along} {plain}");
+    }
+
     #[test]
     fn the_paper_s_second_derivatives_would_call_a_plane_bent() {
         // A plane with uneven parameters: S_uu is not zero, curvature is.
