@@ -19,6 +19,7 @@
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
 mod boundary;
+mod candidates;
 mod cells;
 mod column;
 mod drawing;
@@ -33,6 +34,11 @@ mod surfaces;
 mod tests;
 mod tidy;
 mod touching;
+mod traced;
+mod turned;
+mod turned_rings;
+mod wall;
+mod wall_sight;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
@@ -85,9 +91,24 @@ pub struct Solutions {
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
-    let drawing = &tidy;
-    let plan = plan::Plan::of(drawing);
-    let cells = cells::Cells::of(&plan)?;
+    let plan = plan::Plan::of(&tidy);
+    let walls = turned::walls(&plan);
+    let plain = solve_plan(&tidy, &plan);
+    let is_solved = plain.as_ref().is_ok_and(|found| !found.solutions.is_empty());
+    // Two views leave open whether an outline is drawn out or turned: both are asked.
+    if walls.is_empty() || is_solved && tidy.views.len() > 2 {
+        return plain;
+    }
+    let turned = solve_plan(&tidy, &plan.with_walls(walls));
+    match &turned {
+        Ok(found) if !found.solutions.is_empty() || !is_solved => turned,
+        _ => plain,
+    }
+}
+
+/// Finds the solids whose faces are candidates of a plan.
+fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
+    let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
     let found = search::search(&cells, &looks, MOST_SOLUTIONS);
     let mut solutions = Solutions {

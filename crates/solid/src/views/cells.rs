@@ -29,7 +29,8 @@ impl<'a> Cells<'a> {
             for j in 0..n[1] {
                 for k in 0..n[2] {
                     first.push(total as u32);
-                    let cuts: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    let pieces: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    let cuts = pieces + plan.walls_in([i, j, k]).len();
                     total += 1_usize << cuts.min(24);
                     if total > MOST_ATOMS {
                         return Err(Error::unsupported(format!(
@@ -73,6 +74,10 @@ impl<'a> Cells<'a> {
                 bits |= u32::from(view.profile(piece).value(q) > 0.0) << place;
                 place += 1;
             }
+        }
+        for &(wall, side) in self.plan.walls_in(cell) {
+            bits |= u32::from(self.plan.walls[wall as usize].value_of(side, p) > 0.0) << place;
+            place += 1;
         }
         self.first[(cell[0] * n[0] + cell[1]) * n[1] + cell[2]] + bits
     }
@@ -122,13 +127,29 @@ impl<'a> Cells<'a> {
 
     /// Whether a point lies so near a piece of its box that rounding may put it on either side.
     fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
-        self.plan.views.iter().enumerate().any(|(v, view)| {
+        let near = 0.1 * self.plan.tolerance;
+        let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let q = [p[axes[0]], p[axes[1]]];
             pieces_in(self.plan, v, cell)
                 .iter()
-                .any(|n| view.profile(*n).value(q).abs() < 0.1 * self.plan.tolerance)
-        })
+                .any(|n| view.profile(*n).value(q).abs() < near)
+        });
+        let walls = self.plan.walls_in(cell);
+        at_piece
+            || walls
+                .iter()
+                .any(|&(wall, side)| self.plan.walls[wall as usize].value_of(side, p).abs() < near)
+    }
+
+    /// Where the line along an axis through a point meets the walls of a box.
+    pub(crate) fn wall_crossings(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        for &(wall, side) in self.plan.walls_in(cell) {
+            let crossings = self.plan.walls[wall as usize].crossings(side, along, p, 0.0);
+            found.extend(crossings.into_iter().map(|at| (at, wall as usize)));
+        }
+        found
     }
 
     /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the boxes' own ends, ascending.
@@ -173,22 +194,39 @@ impl<'a> Cells<'a> {
 
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
-        let plain = |cell| (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+        let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
             self.unite(self.first[place(before)], self.first[place(behind)]);
             return;
         }
         let value = plan.grid[axis][at];
-        let across_a = self.sections(&[before, behind], axis, value, a);
+        let mut across_a = self.sections(&[before, behind], axis, value, a);
         let across_b = self.sections(&[before, behind], axis, value, b);
         let curved = self.has_pieces(before, axis) || self.has_pieces(behind, axis);
+        let walled = [before, behind].iter().any(|c| !plan.walls_in(*c).is_empty());
+        let curved = curved || walled;
+        if walled {
+            let mut p = [0.0; 3];
+            p[axis] = value;
+            for border in [across_b[0], across_b[across_b.len() - 1]] {
+                p[b] = border;
+                for cell in [before, behind] {
+                    across_a.extend(self.wall_crossings(cell, a, p).into_iter().map(|c| c.0));
+                }
+            }
+            let ends = [plan.grid[a][before[a]], plan.grid[a][before[a] + 1]];
+            across_a = within(across_a, &ends);
+        }
         // What is nearer to each other than the drawing's coordinates are known is one.
         let least = 2.0 * plan.tolerance;
         for x in samples(&across_a, if curved { 5 } else { 1 }, least) {
             let mut cuts = across_b.clone();
             for cell in [before, behind] {
                 cuts.extend(self.crossed(cell, axis, a, x));
+                let mut p = [0.0; 3];
+                (p[axis], p[a]) = (value, x);
+                cuts.extend(self.wall_crossings(cell, b, p).into_iter().map(|c| c.0));
             }
             for y in samples(&within(cuts, &across_b), 1, least) {
                 let mut p = [0.0; 3];
@@ -224,6 +262,11 @@ fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
         .filter(|c| c[1] - c[0] > least)
         .flat_map(|c| shares.iter().map(|s| c[0] + s * (c[1] - c[0])))
         .collect()
+}
+
+/// Whether nothing cuts a box.
+pub(crate) fn is_plain(plan: &Plan, cell: [usize; 3]) -> bool {
+    plan.walls_in(cell).is_empty() && (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty())
 }
 
 /// The pieces of a view that cut a box.

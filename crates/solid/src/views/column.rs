@@ -19,6 +19,8 @@ pub(crate) enum SurfaceId {
     Grid(usize, usize),
     /// What a carrier of a view draws: the view's and the carrier's index.
     Carrier(usize, usize),
+    /// A surface of revolution, by its index.
+    Wall(usize),
 }
 
 /// A line of sight in cells: the first is `start`.
@@ -57,6 +59,11 @@ impl Cells<'_> {
                             cuts.push((depth, SurfaceId::Carrier(v, other.pieces[piece as usize].carrier)));
                         }
                     }
+                }
+            }
+            for (depth, wall) in self.wall_crossings(cell, along, p) {
+                if depth > lo && depth < hi {
+                    cuts.push((depth, SurfaceId::Wall(wall)));
                 }
             }
             cuts.sort_by(|a, b| a.0.total_cmp(&b.0));

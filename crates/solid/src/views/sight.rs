@@ -8,8 +8,11 @@
 use super::cells::{Cells, pieces_in};
 use super::column::{Break, Column, SurfaceId};
 use super::drawing::{Drawing, LineStyle, distance};
-use super::plan::runs_within;
+use super::plan::{Carrier, runs_within};
+use super::profile::Profile;
+use super::wall::Side;
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 
 /// A look counts where it is the same from so many times nearer.
 const NEARER: f64 = 100.0;
@@ -57,11 +60,19 @@ impl Looks {
             looks.along_grid(cells, view);
             looks.along_pieces(cells, view);
             looks.at_crossings(cells, drawing, view);
+            looks.at_walls(cells, drawing, view);
         }
         looks
     }
 
-    fn add(&mut self, cells: &Cells, place: LookPlace, style: Option<LineStyle>, normal: [f64; 2], step: f64) {
+    pub(super) fn add(
+        &mut self,
+        cells: &Cells,
+        place: LookPlace,
+        style: Option<LineStyle>,
+        normal: [f64; 2],
+        step: f64,
+    ) {
         if is_crowded(cells, place.view, place.at, normal, 2.0 * step) {
             return;
         }
@@ -226,7 +237,12 @@ impl Looks {
 }
 
 /// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn.
-fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Option<Option<(LineStyle, usize)>> {
+pub(super) fn style_near(
+    cells: &Cells,
+    drawing: &Drawing,
+    view: usize,
+    at: [f64; 2],
+) -> Option<Option<(LineStyle, usize)>> {
     let plan = cells.plan;
     let shown = &plan.views[view];
     let axes = shown.kind.axes();
@@ -244,7 +260,10 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
             }
         }
     }
-    let on_carrier = |carrier: &super::plan::Carrier| carrier.profile.value(at).abs() < near;
+    let on_carrier = |carrier: &Carrier| {
+        // Where walls are candidates, the place may lie on a carrier beyond what is drawn of it.
+        carrier.profile.value(at).abs() < near && (plan.walls.is_empty() || is_drawn(carrier, at, near))
+    };
     if shown.carriers.iter().any(on_carrier) {
         return None;
     }
@@ -266,6 +285,17 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
     }
 }
 
+/// Whether a run of a carrier comes near a point on it.
+fn is_drawn(carrier: &Carrier, at: [f64; 2], near: f64) -> bool {
+    let t = carrier.profile.parameter(at);
+    let (t, margin) = match carrier.profile {
+        Profile::Circle { radius, .. } => (t.rem_euclid(TAU), near / radius),
+        Profile::Line { .. } => (t, near),
+    };
+    let within = |t: f64| carrier.runs.iter().any(|r| t > r.from - margin && t < r.to + margin);
+    within(t) || matches!(carrier.profile, Profile::Circle { .. }) && (within(t - TAU) || within(t + TAU))
+}
+
 /// The distance of a point to a straight line between two points.
 pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1]];
@@ -280,7 +310,7 @@ pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 
 /// Intervals of an axis in which another view than the one given has pieces.
 fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
     let plan = cells.plan;
-    let mut found = vec![false; plan.intervals(axis)];
+    let mut found = vec![!plan.walls.is_empty(); plan.intervals(axis)];
     for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
         let axes = plan.views[v].kind.axes();
         let Some(k) = (0..2).find(|&k| axes[k] == axis) else {
@@ -321,6 +351,23 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             Limit {
                 depth: entry.depth,
                 normal: Some(normal),
+                cell: entry.cell,
+            }
+        }
+        SurfaceId::Wall(index) => {
+            let wall = &plan.walls[index];
+            let mut p = [0.0; 3];
+            (p[right], p[up]) = (at[0], at[1]);
+            let here = entry.depth * sign;
+            let depth = wall
+                .crossings(Side::Both, along, p, step)
+                .into_iter()
+                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
+                .unwrap_or(here);
+            p[along] = depth;
+            Limit {
+                depth: depth * sign,
+                normal: Some(wall.normal(p)),
                 cell: entry.cell,
             }
         }

@@ -50,7 +50,7 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
     assert!(found.complete && found.unexplained.is_empty());
     assert_eq!(found.solutions.len(), 1);
     let Solution { solid, measures, .. } = &found.solutions[0];
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!(
         (measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8,
         "{}",
@@ -142,7 +142,7 @@ fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
     // And a crumb of it is drawn once more, as its chord.
     top.push(segment(on(1.0), on(1.0005), LineStyle::Visible));
     let Solution { solid, measures, .. } = only(&drawing);
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
 }
 
@@ -153,7 +153,7 @@ fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
     top.pop();
     top.push(visible(circle([20.000_01, 14.999_995], 6.000_01)));
     let Solution { solid, measures, .. } = only(&drawing);
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
 }
 
@@ -170,7 +170,7 @@ fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
     front.push(hidden([10.0, 0.0], [10.0, 20.0]));
     let Solution { solid, measures, .. } = only(&three(front, top, side([5.0, 15.0])));
     // The wall on both sides of the line, and the hole cut at its seam, which lies opposite.
-    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert_eq!(solid.faces_by_kind()[..2], [7, 2]);
     assert!((measures.volume - (8000.0 - 500.0 * PI)).abs() < 1e-8);
 }
 
@@ -192,7 +192,7 @@ fn a_hole_that_touches_a_groove_from_below_is_found() {
     side.push(visible(circle([10.0, 5.0], 3.0)));
     side.push(hidden([0.0, 8.0], [20.0, 8.0]));
     let Solution { solid, measures, .. } = only(&three(front, top, side));
-    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert_eq!(solid.faces_by_kind()[..2], [7, 2]);
     assert!((measures.volume - (4400.0 - 270.0 * PI)).abs() < 1e-7);
 }
 
@@ -245,7 +245,7 @@ fn a_sheet_of_either_convention_gives_the_same_part() {
     for projection in [Projection::FirstAngle, Projection::ThirdAngle] {
         let drawing = views_of_sheet(&step_on_a_sheet(projection), projection).unwrap();
         let Solution { solid, measures, .. } = only(&drawing);
-        assert_eq!(solid.faces_by_kind(), [9, 0]);
+        assert_eq!(solid.faces_by_kind()[..2], [9, 0]);
         assert!((measures.volume - 13_500.0).abs() < 1e-9);
         let truth = [
             (12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0,
