@@ -14,6 +14,8 @@ use super::wall::Side;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
+/// Within this share of the drawing's size, a point lies on a curve that is drawn by points.
+const ON_CURVE: f64 = 5e-5;
 /// A look counts where it is the same from so many times nearer.
 const NEARER: f64 = 100.0;
 
@@ -269,13 +271,18 @@ pub(super) fn style_near(
     }
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
+    // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it tells nothing.
+    let on = if plan.walls.is_empty() { near / 2.0 } else { ON_CURVE * plan.size };
     for &index in &shown.others {
         let points = curves[index].curve.points();
-        if points
+        let far = points
             .windows(2)
-            .any(|p| distance_to_segment(at, p[0], p[1]) < near / 2.0)
-        {
+            .map(|p| distance_to_segment(at, p[0], p[1]))
+            .fold(f64::MAX, f64::min);
+        if far < on {
             found.push((curves[index].style, index));
+        } else if far < near / 2.0 {
+            return None;
         }
     }
     match found.split_first() {
