@@ -532,11 +532,9 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
 }
 
 /// A cubic spline through points of a traced curve, equally far apart, with its tangents there.
-fn traced_spline(traced: &Traced, [from, to]: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> Curve {
+fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> Curve {
     let n = TRACED_PIECES;
-    let mut points: Vec<[f64; 3]> = (0..=n)
-        .map(|k| traced.point(from + (to - from) * k as f64 / n as f64))
-        .collect();
+    let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
     if let Some([p, q]) = ends {
         (points[0], points[n]) = (p, q);
     }
@@ -545,9 +543,14 @@ fn traced_spline(traced: &Traced, [from, to]: [f64; 2], ends: Option<[[f64; 3]; 
         .map(|k| {
             let (lo, hi) = (k.saturating_sub(1), (k + 1).min(n));
             let length = (lo..hi).map(chord).sum::<f64>() / (hi - lo) as f64;
+            let chord = unit(sub(points[hi], points[lo]));
             let tangent = traced.tangent(points[k]);
-            let sign = dot(tangent, sub(points[hi], points[lo])).signum();
-            tangent.map(|c| sign * length * c)
+            let turn = dot(tangent, chord);
+            // At an end where the surfaces touch there is no tangent; the curve goes on as its last chord, or better, as it bends.
+            match turn.abs() > 0.9 {
+                true => tangent.map(|c| turn.signum() * length * c),
+                false => chord.map(|c| length * c),
+            }
         })
         .collect();
     Curve::Spline { points, derivatives }

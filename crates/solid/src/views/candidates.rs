@@ -104,16 +104,29 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
         Curve3::Traced(traced) => [0.0, traced.end()],
     };
-    // No sample lies on a grid line, where values would be zero.
-    let at =
-        |k: usize| from + (to - from) * (k as f64 + if k == 0 || k == SAMPLES { 0.0 } else { 0.137 }) / SAMPLES as f64;
+    // A traced curve has points of its own; of others no sample lies on a grid line, where values would be zero.
+    let count = match curve {
+        Curve3::Traced(_) => to as usize,
+        _ => SAMPLES,
+    };
+    let shift = |k: usize| match curve {
+        Curve3::Traced(_) => 0.0,
+        _ if k == 0 || k == count => 0.0,
+        _ => 0.137,
+    };
+    let at = |k: usize| from + (to - from) * (k as f64 + shift(k)) / count as f64;
     let value = |t: f64| third.value(curve.point(t));
-    let values: Vec<f64> = (0..=SAMPLES).map(|k| value(at(k))).collect();
+    let values: Vec<f64> = (0..=count)
+        .map(|k| match curve {
+            Curve3::Traced(traced) => third.value(traced.points[k % traced.points.len()]),
+            _ => value(at(k)),
+        })
+        .collect();
     if values.iter().all(|v| v.abs() <= 2.0 * tolerance) {
         return Vec::new();
     }
     let mut found = Vec::new();
-    for k in 0..SAMPLES {
+    for k in 0..count {
         let (mut lo, mut hi) = (at(k), at(k + 1));
         let first = values[k];
         if (first > 0.0) != (values[k + 1] > 0.0) {
@@ -128,13 +141,13 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         }
     }
     // Touching: a least distance without a change of sign, or the end of a curve.
-    for k in 0..=SAMPLES {
+    for k in 0..=count {
         let here = values[k].abs();
-        let least = (k == 0 || here <= values[k - 1].abs()) && (k == SAMPLES || here <= values[k + 1].abs());
+        let least = (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
         if !least {
             continue;
         }
-        let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(SAMPLES)));
+        let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(count)));
         for _ in 0..60 {
             let (a, b) = (lo + (hi - lo) * 0.382, lo + (hi - lo) * 0.618);
             match value(a).abs() < value(b).abs() {

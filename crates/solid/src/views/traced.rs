@@ -7,10 +7,12 @@
 
 use super::candidates::Candidate;
 use crate::brep::{along, unit};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 
 /// Steps after which a curve is given up.
 const MOST_STEPS: usize = 4000;
+/// Where surfaces touch, steps are halved down to this share.
+const SHORTEST: f64 = 1e-3;
 
 /// A curve on two surfaces.
 #[derive(Clone)]
@@ -69,6 +71,25 @@ impl Traced {
         on_both(&self.surfaces, guess, 1e-6 * norm(sub(b, a))).unwrap_or(guess)
     }
 
+    /// Parameters of points that are equally far apart between two others.
+    pub(super) fn evenly(&self, [from, to]: [f64; 2], count: usize) -> Vec<f64> {
+        let mut knots = vec![from];
+        knots.extend(((from.floor() as usize + 1)..=(to.ceil() as usize)).map(|k| (k as f64).min(to)));
+        let mut lengths = vec![0.0];
+        for pair in knots.windows(2) {
+            lengths.push(lengths[lengths.len() - 1] + norm(sub(self.point(pair[1]), self.point(pair[0]))));
+        }
+        let total = lengths[lengths.len() - 1];
+        (0..=count)
+            .map(|k| {
+                let at = total * k as f64 / count as f64;
+                let next = lengths.partition_point(|l| *l < at).clamp(1, knots.len() - 1);
+                let share = (at - lengths[next - 1]) / (lengths[next] - lengths[next - 1]).max(f64::MIN_POSITIVE);
+                knots[next - 1] + share.min(1.0) * (knots[next] - knots[next - 1])
+            })
+            .collect()
+    }
+
     /// The parameter of the point of the curve that is nearest to a point.
     pub(super) fn parameter(&self, p: [f64; 3]) -> f64 {
         let n = self.points.len();
@@ -108,7 +129,7 @@ pub(super) fn traced(
         let Some(start) = on_both(surfaces, *seed, 1e-6 * step) else {
             continue;
         };
-        let known = |c: &Traced| norm(sub(c.point(c.parameter(start)), start)) < 0.2 * step;
+        let known = |c: &Traced| c.points.iter().any(|p| norm(sub(*p, start)) < step);
         if !inside(start) || found.iter().any(known) {
             continue;
         }
@@ -138,29 +159,40 @@ fn follow(
     step: f64,
     inside: &impl Fn([f64; 3]) -> bool,
 ) -> (Vec<[f64; 3]>, bool) {
+    let sense = step.signum();
+    let whole = step.abs();
+    let normals = |p: [f64; 3]| cross(surfaces[0].normal(p), surfaces[1].normal(p));
     let direction = |p: [f64; 3]| {
-        let d = cross(surfaces[0].normal(p), surfaces[1].normal(p));
-        (norm(d) > 1e-5).then(|| unit(d))
+        let d = normals(p);
+        (norm(d) > 1e-5).then(|| scale(sense, unit(d)))
+    };
+    // One step of a length; none where the surfaces touch on the way, as beyond that the direction turns round.
+    let stepped = |p: [f64; 3], length: f64| {
+        let first = direction(p)?;
+        let middle = on_both(surfaces, along(p, length / 2.0, first), 1e-6 * whole)?;
+        let d = direction(middle)?;
+        let next = on_both(surfaces, along(p, length, d), 1e-6 * whole)?;
+        let moved = sub(next, p);
+        let goes_on = dot(moved, d) > 0.3 * length && dot(direction(next)?, first) > 0.5 && dot(d, first) > 0.5;
+        (goes_on && norm(moved) < 1.5 * length).then_some(next)
     };
     let mut points = vec![start];
     let mut p = start;
+    let mut length = whole;
     while points.len() < MOST_STEPS {
-        let Some(d) = direction(p) else { break };
-        let Some(middle) = on_both(surfaces, along(p, step / 2.0, d), 1e-6 * step.abs()) else {
-            break;
+        let Some(next) = stepped(p, length) else {
+            length /= 2.0;
+            if length < SHORTEST * whole {
+                points.extend(touching_point(&points, normals));
+                break;
+            }
+            continue;
         };
-        let Some(d) = direction(middle) else { break };
-        let Some(next) = on_both(surfaces, along(p, step, d), 1e-6 * step.abs()) else {
-            break;
-        };
-        let moved = sub(next, p);
-        if norm(moved) < 0.3 * step.abs() || dot(moved, d) * step < 0.0 {
-            break;
-        }
         // Back at the start: the last stretch may be up to one and a half steps long.
         let left = sub(start, next);
-        if points.len() > 3 && norm(left) < 1.01 * step.abs() && dot(left, d) * step >= -0.3 * step * step {
-            if norm(left) > 0.5 * step.abs() {
+        let ahead = direction(next).is_some_and(|d| dot(left, d) >= -0.3 * whole);
+        if points.len() > 3 && norm(left) < 1.01 * whole && ahead {
+            if norm(left) > 0.5 * whole {
                 points.push(next);
             }
             return (points, true);
@@ -172,4 +204,13 @@ fn follow(
         p = next;
     }
     (points, false)
+}
+
+/// Where two surfaces touch just beyond the last of some points: there the angle between them, which falls evenly, is zero.
+fn touching_point(points: &[[f64; 3]], normals: impl Fn([f64; 3]) -> [f64; 3]) -> Option<[f64; 3]> {
+    let [.., before, last] = points else { return None };
+    let moved = sub(*last, *before);
+    let (from, to) = (norm(normals(*before)), norm(normals(*last)));
+    let left = to / (from - to);
+    (left > 0.0 && left < 4.0).then(|| along(*last, left, moved))
 }
