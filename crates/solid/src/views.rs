@@ -59,6 +59,19 @@ pub struct Solution {
     pub cost: f64,
 }
 
+impl Solution {
+    /// Whether two solids are one: slivers without a volume may be empty or solid.
+    fn is_same(&self, other: &Self) -> bool {
+        let (a, b) = (&self.measures, &other.measures);
+        let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
+        let size = a.area.sqrt();
+        self.solid.faces_by_kind() == other.solid.faces_by_kind()
+            && near(a.volume, b.volume, a.volume)
+            && near(a.area, b.area, a.area)
+            && (0..3).all(|k| near(a.centroid[k], b.centroid[k], size))
+    }
+}
+
 /// A line that no solid explains.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unexplained {
@@ -92,18 +105,29 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
-    let walls = turned::walls(&plan);
-    let plain = solve_plan(&tidy, &plan);
-    let is_solved = plain.as_ref().is_ok_and(|found| !found.solutions.is_empty());
+    let mut best = solve_plan(&tidy, &plan);
+    let is_solved = |found: &Result<Solutions>| found.as_ref().is_ok_and(|f| !f.solutions.is_empty());
     // Two views leave open whether an outline is drawn out or turned: both are asked.
-    if walls.is_empty() || is_solved && tidy.views.len() > 2 {
-        return plain;
+    if is_solved(&best) && tidy.views.len() > 2 {
+        return best;
     }
-    let turned = solve_plan(&tidy, &plan.with_walls(walls));
-    match &turned {
-        Ok(found) if !found.solutions.is_empty() || !is_solved => turned,
-        _ => plain,
+    let mut tried = Vec::new();
+    for strict in [true, false] {
+        let walls = turned::walls(&plan, strict);
+        if walls == tried {
+            continue;
+        }
+        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));
+        tried = walls;
+        if is_solved(&found) {
+            return found;
+        }
+        // The refusal with the most candidates counts.
+        if !is_solved(&best) {
+            best = found;
+        }
     }
+    best
 }
 
 /// Finds the solids whose faces are candidates of a plan.
@@ -122,7 +146,11 @@ fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
     }
     for assignment in &found.assignments {
         match solution(&cells, assignment) {
-            Ok(solution) => solutions.solutions.push(solution),
+            Ok(solution) => {
+                if !solutions.solutions.iter().any(|known| known.is_same(&solution)) {
+                    solutions.solutions.push(solution);
+                }
+            }
             Err(e) => solutions.rejected.push(e.to_string()),
         }
     }

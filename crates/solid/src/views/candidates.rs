@@ -12,8 +12,10 @@ use std::f64::consts::TAU;
 
 /// Samples of a curve among which crossings are searched.
 const SAMPLES: usize = 288;
-/// A traced curve has about so many steps around its wall.
-const STEPS_AROUND: f64 = 240.0;
+/// A traced curve has about so many steps around its wall, or around a torus' tube.
+const STEPS_AROUND: f64 = 120.0;
+/// It has at most so many around its wall.
+const MOST_AROUND: f64 = 600.0;
 
 /// A candidate surface.
 #[derive(Clone)]
@@ -301,7 +303,9 @@ fn followed(wall: &Wall, other: &Candidate, size: f64) -> Vec<Curve3> {
         Profile::Circle { radius, .. } => radius.min(reach),
         Profile::Line { .. } => reach,
     };
-    let step = (TAU * smallest / STEPS_AROUND).min((height[1] - height[0]) / 8.0);
+    let step = (TAU * smallest / STEPS_AROUND)
+        .max(TAU * reach / MOST_AROUND)
+        .min((height[1] - height[0]) / 8.0);
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     // Sign changes over the wall: around it, and along its profile.

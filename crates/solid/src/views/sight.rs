@@ -15,7 +15,9 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 /// Within this share of the drawing's size, a point lies on a curve that is drawn by points.
-const ON_CURVE: f64 = 5e-5;
+const ON_CURVE: f64 = 2e-5;
+/// Curves run along each other below this sine of the angle between them.
+const PARALLEL: f64 = 0.1;
 /// A look counts where it is the same from so many times nearer.
 const NEARER: f64 = 100.0;
 
@@ -215,7 +217,7 @@ impl Looks {
                             if length < 1e-6 {
                                 continue;
                             }
-                            let Some(style) = style_near(cells, drawing, view, at) else {
+                            let Some(style) = style_near(cells, drawing, view, at, None) else {
                                 continue;
                             };
                             let place = LookPlace {
@@ -238,12 +240,14 @@ impl Looks {
     }
 }
 
-/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn.
+/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn. Where walls are
+/// candidates, a drawn curve must run across the normal given.
 pub(super) fn style_near(
     cells: &Cells,
     drawing: &Drawing,
     view: usize,
     at: [f64; 2],
+    normal: Option<[f64; 2]>,
 ) -> Option<Option<(LineStyle, usize)>> {
     let plan = cells.plan;
     let shown = &plan.views[view];
@@ -272,13 +276,25 @@ pub(super) fn style_near(
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
     // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it tells nothing.
-    let on = if plan.walls.is_empty() { near / 2.0 } else { ON_CURVE * plan.size };
+    let on = if plan.walls.is_empty() {
+        near / 2.0
+    } else {
+        ON_CURVE * plan.size
+    };
     for &index in &shown.others {
         let points = curves[index].curve.points();
-        let far = points
+        let (far, across) = points
             .windows(2)
-            .map(|p| distance_to_segment(at, p[0], p[1]))
-            .fold(f64::MAX, f64::min);
+            .map(|p| {
+                let d = [p[1][0] - p[0][0], p[1][1] - p[0][1]];
+                let length = d[0].hypot(d[1]).max(f64::MIN_POSITIVE);
+                let across = normal.map_or(0.0, |n| (n[0] * d[0] + n[1] * d[1]).abs() / length);
+                (distance_to_segment(at, p[0], p[1]), across)
+            })
+            .fold((f64::MAX, 0.0), |best, p| if p.0 < best.0 { p } else { best });
+        if far < on && across > PARALLEL {
+            return None;
+        }
         if far < on {
             found.push((curves[index].style, index));
         } else if far < near / 2.0 {

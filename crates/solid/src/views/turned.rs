@@ -7,7 +7,7 @@
 //! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines are all cut away.
 
 use super::drawing::distance;
-use super::plan::{Carrier, Plan, ViewPlan, stretches};
+use super::plan::{Carrier, Plan, Run, ViewPlan, stretches};
 use super::profile::Profile;
 use super::wall::{Extent, Side, Wall, across};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -21,14 +21,14 @@ struct Axis {
     radii: Vec<f64>,
 }
 
-/// All walls of a plan.
-pub(crate) fn walls(plan: &Plan) -> Vec<Wall> {
+/// All walls of a plan; `strict` leaves out those that another view across the axis does not show as well.
+pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Wall> {
     let mut found: Vec<Wall> = Vec::new();
     for shown in &plan.views {
         for axis in axes_of(shown, plan) {
             for view in &plan.views {
                 if view.kind.axes()[..2].contains(&shown.kind.axes()[2]) {
-                    for wall in walls_about(plan, shown, &axis, view) {
+                    for wall in walls_about(plan, shown, &axis, view, strict) {
                         add(&mut found, wall, plan);
                     }
                 }
@@ -73,7 +73,7 @@ fn axes_of(view: &ViewPlan, plan: &Plan) -> Vec<Axis> {
     found
 }
 
-fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan) -> Vec<Wall> {
+fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, strict: bool) -> Vec<Wall> {
     let same = SAME * plan.size;
     let along = shown.kind.axes()[2];
     let axes = view.kind.axes();
@@ -88,9 +88,10 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan) -> V
             let (p, q) = (carrier.profile.point(from), carrier.profile.point(to));
             let ends = [from_axis(p), from_axis(q)];
             let ends_on_circle = ends.iter().any(|e| e[0] > same && has(e[0]));
+            let ends_known = ends.iter().all(|e| e[0] <= same || has(e[0]));
             let (profile, side) = match carrier.profile {
                 Profile::Line { .. } => {
-                    if !ends_on_circle || (ends[0][0] - ends[1][0]).abs() < same {
+                    if !ends_on_circle || strict && !ends_known || (ends[0][0] - ends[1][0]).abs() < same {
                         continue;
                     }
                     (Profile::line(ends[0], ends[1]), Side::Both)
@@ -107,11 +108,11 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan) -> V
                         }
                         (at(0.0), Side::Both)
                     } else {
-                        let widest = has(major + radius) || has(major - radius);
+                        let is_inner = from_axis(carrier.profile.point((from + to) / 2.0))[0] < major;
+                        let widest = has(if is_inner { major - radius } else { major + radius });
                         if major <= radius + same || !(ends_on_circle || widest) {
                             continue;
                         }
-                        let is_inner = from_axis(carrier.profile.point((from + to) / 2.0))[0] < major;
                         (at(major), if is_inner { Side::Inner } else { Side::Outer })
                     }
                 }
@@ -122,12 +123,15 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan) -> V
                 bounds[a] = [axis_at[k] - reach, axis_at[k] + reach];
             }
             bounds[along] = [ends[0][1].min(ends[1][1]), ends[0][1].max(ends[1][1])];
-            found.push(Wall {
+            let wall = Wall {
                 axis: along,
                 center: axis_at,
                 profile,
                 extents: vec![Extent { bounds, side }],
-            });
+            };
+            if !strict || is_mirrored(plan, &wall, view, ends, side) {
+                found.push(wall);
+            }
         }
     }
     found
@@ -151,6 +155,61 @@ fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius:
             }
             Profile::Line { .. } => false,
         })
+    })
+}
+
+/// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of the axis, or both sides reach beyond
+/// what that view shows.
+fn is_mirrored(plan: &Plan, wall: &Wall, seen_in: &ViewPlan, ends: [[f64; 2]; 2], side: Side) -> bool {
+    let same = SAME * plan.size;
+    let mut others = plan
+        .views
+        .iter()
+        .filter(|v| v.kind != seen_in.kind && v.kind.axes()[..2].contains(&wall.axis));
+    others.all(|view| {
+        let axes = view.kind.axes();
+        let up = usize::from(axes[1] == wall.axis);
+        let sideways = axes[1 - up];
+        let center = wall.center[usize::from(across(wall.axis)[1] == sideways)];
+        let heights = [ends[0][1], ends[1][1]];
+        let middle = (heights[0] + heights[1]) / 2.0;
+        let radii = wall.profile.crossings(1, middle, 0.0);
+        // Of a tube's two radii at a height the meant one.
+        let radius = if side == Side::Inner {
+            radii.first()
+        } else {
+            radii.last()
+        };
+        let Some(radius) = radius else { return true };
+        let grid = &plan.grid[sideways];
+        let shown = [grid[1], grid[grid.len() - 2]];
+        let images = [-1.0, 1.0].map(|sign| {
+            let mut at = [0.0; 2];
+            (at[1 - up], at[up]) = (center + sign * radius, middle);
+            let n = wall.profile.normal([*radius, middle]);
+            let mut normal = [0.0; 2];
+            (normal[1 - up], normal[up]) = (sign * n[0], n[1]);
+            let reach = [ends[0][0], ends[1][0]].map(|r| center + sign * r);
+            let beyond = reach.iter().any(|r| *r < shown[0] - same || *r > shown[1] + same);
+            (is_drawn_at(view, at, normal, same, heights, up), beyond)
+        });
+        images.iter().any(|i| i.0) || images.iter().all(|i| i.1)
+    })
+}
+
+/// Whether a carrier runs through a point with a normal, and anything of it is drawn between two heights.
+fn is_drawn_at(view: &ViewPlan, at: [f64; 2], normal: [f64; 2], same: f64, heights: [f64; 2], up: usize) -> bool {
+    let (lo, hi) = (heights[0].min(heights[1]), heights[0].max(heights[1]));
+    view.carriers.iter().any(|carrier| {
+        let n = carrier.profile.normal(at);
+        let along = (n[0] * normal[0] + n[1] * normal[1]).abs() > 1.0 - 1e-6;
+        let drawn = |run: &Run| {
+            [0.02, 0.25, 0.5, 0.75, 0.98].iter().any(|share| {
+                let p = carrier.profile.point(run.from + share * (run.to - run.from));
+                p[up] > lo - same && p[up] < hi + same
+            })
+        };
+        carrier.profile.value(at).abs() < same && along && carrier.runs.iter().any(drawn)
     })
 }
 

@@ -42,7 +42,8 @@ impl Looks {
         if length < 1e-6 * norm(tangent) || length == 0.0 {
             return;
         }
-        let Some(style) = style_near(cells, drawing, view, at) else {
+        let normal = across.map(|c| c / length);
+        let Some(style) = style_near(cells, drawing, view, at, Some(normal)) else {
             return;
         };
         let place = LookPlace {
@@ -50,7 +51,6 @@ impl Looks {
             at,
             curve: style.map(|s| s.1),
         };
-        let normal = across.map(|c| c / length);
         self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
     }
 
