@@ -42,7 +42,7 @@ mod wall_sight;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
 
 /// Solids are made of so many assignments at most.
@@ -114,7 +114,9 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     let mut tried = Vec::new();
     for strict in [true, false] {
         let walls = turned::walls(&plan, strict);
-        if walls == tried {
+        // A drawing that is too large without walls is so with them.
+        let too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
+        if walls == tried || too_large {
             continue;
         }
         let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));

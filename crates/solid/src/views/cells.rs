@@ -3,9 +3,13 @@
 //! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of them. Where a view shows no line,
 //! nothing separates the atoms on both sides of its grid line: they are one cell (union–find).
 
+use super::column::SurfaceId;
 use super::plan::Plan;
 use planish_estimate::{Error, Result};
+use std::collections::HashSet;
 
+/// A larger grid is refused: each of its boxes is looked at many times.
+const MOST_BOXES: usize = 1_000_000;
 /// More atoms than this are refused.
 const MOST_ATOMS: usize = 8_000_000;
 
@@ -14,6 +18,8 @@ pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a Plan,
     first: Vec<u32>,
     parent: Vec<u32>,
+    /// Cells thicker somewhere than rounding, where there are walls.
+    thick: HashSet<u32>,
 }
 
 impl<'a> Cells<'a> {
@@ -23,6 +29,12 @@ impl<'a> Cells<'a> {
     /// `Unsupported` where there are too many atoms.
     pub(crate) fn of(plan: &'a Plan) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
+        if n[0] * n[1] * n[2] > MOST_BOXES {
+            return Err(Error::unsupported(format!(
+                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as where lines end or turn at fewer places",
+                n[0], n[1], n[2]
+            )));
+        }
         let mut first = Vec::with_capacity(n[0] * n[1] * n[2] + 1);
         let mut total = 0_usize;
         for i in 0..n[0] {
@@ -44,6 +56,7 @@ impl<'a> Cells<'a> {
             plan,
             first,
             parent: (0..total as u32).collect(),
+            thick: HashSet::new(),
         };
         for axis in 0..3 {
             cells.join_across(axis);
@@ -51,7 +64,70 @@ impl<'a> Cells<'a> {
         for atom in 0..total as u32 {
             cells.parent[atom as usize] = cells.root(atom);
         }
+        cells.find_thick();
         Ok(cells)
+    }
+
+    /// Finds the cells that are thicker than rounding, along lines through every box with walls.
+    fn find_thick(&mut self) {
+        const SHARES: [f64; 7] = [0.03, 0.14, 0.32, 0.51, 0.68, 0.87, 0.97];
+        let plan = self.plan;
+        let n = [0, 1, 2].map(|a| plan.intervals(a));
+        let mut thick = HashSet::new();
+        for place in 0..n[0] * n[1] * n[2] {
+            let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
+            if plan.walls_in(cell).is_empty() {
+                continue;
+            }
+            let (lo, hi) = plan.bounds(cell);
+            for along in 0..3 {
+                let [a, b] = [(along + 1) % 3, (along + 2) % 3];
+                for s in SHARES {
+                    for t in SHARES {
+                        let mut p = [0.0; 3];
+                        p[a] = lo[a] + s * (hi[a] - lo[a]);
+                        p[b] = lo[b] + t * (hi[b] - lo[b]);
+                        let mut cuts: Vec<f64> = self.cuts(cell, along, p).into_iter().map(|c| c.0).collect();
+                        cuts.extend([lo[along], hi[along]]);
+                        cuts.sort_by(f64::total_cmp);
+                        for pair in cuts.windows(2).filter(|c| c[1] - c[0] > 10.0 * plan.tolerance) {
+                            p[along] = (pair[0] + pair[1]) / 2.0;
+                            thick.insert(self.at_in(cell, p));
+                        }
+                    }
+                }
+            }
+        }
+        self.thick = thick;
+    }
+
+    /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out mean one curve, rounding leaves such between them.
+    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
+        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
+    }
+
+    /// Where the line along an axis through a point of a box meets what cuts it.
+    pub(crate) fn cuts(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, SurfaceId)> {
+        let plan = self.plan;
+        let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
+        for (v, view) in plan.views.iter().enumerate() {
+            let axes = view.kind.axes();
+            if axes[2] == along {
+                continue;
+            }
+            let known = usize::from(axes[0] == along);
+            let value = p[axes[known]];
+            for &piece in pieces_in(plan, v, cell) {
+                let id = SurfaceId::Carrier(v, view.pieces[piece as usize].carrier);
+                let crossings = view.profile(piece).crossings(known, value, 0.0);
+                cuts.extend(crossings.into_iter().map(|depth| (depth, id)));
+            }
+        }
+        let walls = self.wall_crossings(cell, along, p);
+        cuts.extend(walls.into_iter().map(|(depth, wall)| (depth, SurfaceId::Wall(wall))));
+        let (lo, hi) = (plan.grid[along][cell[along]], plan.grid[along][cell[along] + 1]);
+        cuts.retain(|c| c.0 > lo && c.0 < hi);
+        cuts
     }
 
     fn root(&mut self, mut atom: u32) -> u32 {
