@@ -186,7 +186,13 @@ impl Maker<'_> {
                                 for t in samples {
                                     let mut on = at([*t; 3]);
                                     (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
-                                    if self.touched(on, cell, 3.0 * step, Some((v, piece))) {
+                                    // Beside a border of the box, the other side may be another box's.
+                                    let beside = (0..2).any(|k| {
+                                        let a = axes[k];
+                                        let room = (m[k] - lo[a]).min(hi[a] - m[k]);
+                                        room < 2.0 * step * normal[k].abs() && hi[a] - lo[a] > 20.0 * step
+                                    });
+                                    if beside || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
                                         continue;
                                     }
                                     let side = |sign: f64| {
