@@ -37,6 +37,8 @@ mod touching;
 mod traced;
 mod turned;
 mod turned_rings;
+#[cfg(test)]
+mod turned_tests;
 mod wall;
 mod wall_sight;
 
@@ -44,6 +46,9 @@ use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
 use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
+
+/// Surfaces of revolution are tried where there are so many candidates at most.
+const MOST_WALLS: usize = 24;
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -106,30 +111,34 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
     let mut best = solve_plan(&tidy, &plan);
-    let is_solved = |found: &Result<Solutions>| found.as_ref().is_ok_and(|f| !f.solutions.is_empty());
-    // Two views leave open whether an outline is drawn out or turned: both are asked.
-    if is_solved(&best) && tidy.views.len() > 2 {
-        return best;
-    }
     let mut tried = Vec::new();
     for strict in [true, false] {
+        // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
+        let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
+        if is_too_large || !strict && best_cost(&best).is_some() {
+            break;
+        }
         let walls = turned::walls(&plan, strict);
-        // A drawing that is too large without walls is so with them.
-        let too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        if walls == tried || too_large {
+        if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
         let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));
         tried = walls;
-        if is_solved(&found) {
-            return found;
-        }
-        // The refusal with the most candidates counts.
-        if !is_solved(&best) {
+        let is_better = match (best_cost(&found), best_cost(&best)) {
+            (Some(found), Some(best)) => found < best,
+            (None, Some(_)) => false,
+            _ => true,
+        };
+        if is_better {
             best = found;
         }
     }
     best
+}
+
+/// The cost of the best solid that was found.
+fn best_cost(found: &Result<Solutions>) -> Option<f64> {
+    found.as_ref().ok()?.solutions.first().map(|s| s.cost)
 }
 
 /// Finds the solids whose faces are candidates of a plan.

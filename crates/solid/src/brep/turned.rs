@@ -48,9 +48,20 @@ impl Solid {
                 }
                 best
             }
-            Surface::Sphere { .. } => {
+            Surface::Sphere { center, radius, .. } => {
                 let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
-                of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }))
+                let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
+                // A face that holds both poles came out less the whole sphere.
+                if found[0] * sense <= 0.0 {
+                    let (area, d) = (4.0 * PI * radius * radius, sub(center, origin));
+                    let whole = [area, area * radius]
+                        .into_iter()
+                        .chain(d.map(|c| 2.0 / 3.0 * c * radius * area));
+                    for (sum, whole) in found.iter_mut().zip(whole) {
+                        *sum += sense * whole;
+                    }
+                }
+                found
             }
             _ => of(Base::V(face.surface.range_v()[0])),
         }

@@ -9,11 +9,11 @@ fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
     }
 }
 
-fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve {
+pub(super) fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve {
     drawn(Curve2::Segment(a, b), style)
 }
 
-fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
+pub(super) fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
     let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
     (0..4)
         .map(|k| segment(corners[k], corners[(k + 1) % 4], LineStyle::Visible))
@@ -90,11 +90,11 @@ fn a_boundary_with_a_face_missing_is_refused() {
     assert!(solid.check(1e-6).is_err());
 }
 
-fn circle(center: [f64; 2], radius: f64) -> Curve2 {
+pub(super) fn circle(center: [f64; 2], radius: f64) -> Curve2 {
     arc(center, radius, 0.0, TAU)
 }
 
-fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
+pub(super) fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
     Curve2::Arc {
         center,
         radius,
@@ -103,11 +103,11 @@ fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
     }
 }
 
-fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+pub(super) fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
     segment(a, b, LineStyle::Hidden)
 }
 
-fn visible(curve: Curve2) -> DrawnCurve {
+pub(super) fn visible(curve: Curve2) -> DrawnCurve {
     drawn(curve, LineStyle::Visible)
 }
 

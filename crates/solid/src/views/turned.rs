@@ -189,8 +189,8 @@ fn is_mirrored(plan: &Plan, wall: &Wall, seen_in: &ViewPlan, ends: [[f64; 2]; 2]
             let n = wall.profile.normal([*radius, middle]);
             let mut normal = [0.0; 2];
             (normal[1 - up], normal[up]) = (sign * n[0], n[1]);
-            let reach = [ends[0][0], ends[1][0]].map(|r| center + sign * r);
-            let beyond = reach.iter().any(|r| *r < shown[0] - same || *r > shown[1] + same);
+            // In its middle: an end may lie on the border of what is shown.
+            let beyond = at[1 - up] < shown[0] - same || at[1 - up] > shown[1] + same;
             (is_drawn_at(view, at, normal, same, heights, up), beyond)
         });
         images.iter().any(|i| i.0) || images.iter().all(|i| i.1)

@@ -174,7 +174,22 @@ pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coed
             })
         })
     };
-    let found = frames.into_iter().find(|(axis, _)| is_free(*axis));
+    // Readers of STEP know best what to do with loops around the axis.
+    let around = |frame: &([f64; 3], [f64; 3])| {
+        let (axis, x) = *frame;
+        let turned = Surface::Sphere {
+            center,
+            axis,
+            x,
+            radius,
+        };
+        let turn = |ring: &Vec<Coedge>| -> f64 {
+            let pieces = Ring::of(solid, &turned, ring).pieces;
+            pieces.iter().map(|[a, b]| b[0] - a[0]).sum()
+        };
+        loops.iter().filter(|ring| turn(ring).abs() < PI).count()
+    };
+    let found = frames.into_iter().filter(|(axis, _)| is_free(*axis)).min_by_key(around);
     let (axis, x) = found.unwrap_or(frames[0]);
     Surface::Sphere {
         center,
