@@ -1,19 +1,21 @@
 //! Every solid that two or three orthographic views can mean.
 //!
-//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
-//! best first, and the lines that none of them explains.
+//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes, cylinders, cones,
+//! spheres and tori, best first, and the lines that none of them explains.
 //!
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
+//!    `turned` adds walls: outlines of one view turned about the centre of a circle of another, which no view sees edge-on.
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
+//!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
 //!    Smooth (tangent) edges are no edges here, as in drafting.
 //! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
-//! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
+//! Not guaranteed: solids with faces other than planes along a view's line of sight, and cylinders, cones, spheres and tori about one.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
@@ -70,10 +72,16 @@ impl Solution {
         let (a, b) = (&self.measures, &other.measures);
         let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
         let size = a.area.sqrt();
+        let has = |solid: &Solid, p: [f64; 3]| {
+            let mut vertices = solid.vertices.iter();
+            vertices.any(|v| (0..3).all(|k| near(v[k], p[k], 1e3 * size)))
+        };
         self.solid.faces_by_kind() == other.solid.faces_by_kind()
             && near(a.volume, b.volume, a.volume)
             && near(a.area, b.area, a.area)
             && (0..3).all(|k| near(a.centroid[k], b.centroid[k], size))
+            && self.solid.vertices.len() == other.solid.vertices.len()
+            && self.solid.vertices.iter().all(|v| has(&other.solid, *v))
     }
 }
 
@@ -102,6 +110,8 @@ pub struct Solutions {
 }
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
+///
+/// First with planes and cylinders only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
 ///
 /// # Errors
 /// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines

@@ -175,6 +175,12 @@ impl Looks {
         let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
             return;
         };
+        // Walls make more cells between the same lines: one look may not tell of all.
+        let shares: &[f64] = if plan.walls.is_empty() {
+            &[0.47]
+        } else {
+            &[0.47, 0.16, 0.86]
+        };
         let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
         let [a_at, a_depth, b_at, b_depth] = [place(a, right), place(a, along), place(b, up), place(b, along)];
         for i in 0..plan.intervals(right) {
@@ -194,44 +200,46 @@ impl Looks {
                             if hi - lo < 1e-4 * plan.size {
                                 continue;
                             }
-                            let depth = lo + 0.47 * (hi - lo);
-                            let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
-                                let profile = plan.views[v].profile(piece);
-                                let at = profile
-                                    .crossings(known, depth, 0.0)
-                                    .into_iter()
-                                    .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
-                                let mut point = [0.0; 2];
-                                (point[known], point[1 - known]) = (depth, at);
-                                let normal = profile.normal(point);
-                                (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
-                            };
-                            let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
-                                continue;
-                            };
-                            let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
-                                continue;
-                            };
-                            let length = du.hypot(dw);
-                            let at = [u, w];
-                            if length < 1e-6 {
-                                continue;
+                            for &share in shares {
+                                let depth = lo + share * (hi - lo);
+                                let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
+                                    let profile = plan.views[v].profile(piece);
+                                    let at = profile
+                                        .crossings(known, depth, 0.0)
+                                        .into_iter()
+                                        .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
+                                    let mut point = [0.0; 2];
+                                    (point[known], point[1 - known]) = (depth, at);
+                                    let normal = profile.normal(point);
+                                    (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
+                                };
+                                let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                    continue;
+                                };
+                                let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                    continue;
+                                };
+                                let length = du.hypot(dw);
+                                let at = [u, w];
+                                if length < 1e-6 {
+                                    continue;
+                                }
+                                let Some(style) = style_near(cells, drawing, view, at, None) else {
+                                    continue;
+                                };
+                                let place = LookPlace {
+                                    view,
+                                    at,
+                                    curve: style.map(|s| s.1),
+                                };
+                                self.add(
+                                    cells,
+                                    place,
+                                    style.map(|s| s.0),
+                                    [du / length, -dw / length],
+                                    1e-5 * plan.size,
+                                );
                             }
-                            let Some(style) = style_near(cells, drawing, view, at, None) else {
-                                continue;
-                            };
-                            let place = LookPlace {
-                                view,
-                                at,
-                                curve: style.map(|s| s.1),
-                            };
-                            self.add(
-                                cells,
-                                place,
-                                style.map(|s| s.0),
-                                [du / length, -dw / length],
-                                1e-5 * plan.size,
-                            );
                         }
                     }
                 }
