@@ -219,13 +219,13 @@ fn options(output: &Path, unit: Unit) -> StepOptions {
 }
 
 fn counts(solid: &Solid) -> FaceCounts {
-    let [plane, cylinder] = solid.faces_by_kind();
+    let [plane, cylinder, cone, sphere, torus] = solid.faces_by_kind();
     FaceCounts {
         plane,
         cylinder,
-        cone: 0,
-        sphere: 0,
-        torus: 0,
+        cone,
+        sphere,
+        torus,
         freeform: 0,
     }
 }

@@ -6,6 +6,7 @@
 mod check;
 mod geometry;
 mod measures;
+mod turned;
 
 pub(crate) use geometry::unit;
 pub use geometry::{Curve, Surface};
@@ -67,15 +68,20 @@ impl Solid {
         }
     }
 
-    /// Faces by the kind of their surface: planes, cylinders.
+    /// Faces by the kind of their surface: planes, cylinders, cones, spheres, tori.
     #[must_use]
-    pub fn faces_by_kind(&self) -> [usize; 2] {
-        let planes = self
-            .faces
-            .iter()
-            .filter(|f| matches!(f.surface, Surface::Plane { .. }))
-            .count();
-        [planes, self.faces.len() - planes]
+    pub fn faces_by_kind(&self) -> [usize; 5] {
+        let mut count = [0; 5];
+        for face in &self.faces {
+            count[match face.surface {
+                Surface::Plane { .. } => 0,
+                Surface::Cylinder { .. } => 1,
+                Surface::Cone { .. } => 2,
+                Surface::Sphere { .. } => 3,
+                Surface::Torus { .. } => 4,
+            }] += 1;
+        }
+        count
     }
 
     /// Faces that hang together, by index.

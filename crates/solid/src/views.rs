@@ -1,24 +1,27 @@
 //! Every solid that two or three orthographic views can mean.
 //!
-//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes and cylinders,
-//! best first, and the lines that none of them explains.
+//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes, cylinders, cones,
+//! spheres and tori, best first, and the lines that none of them explains.
 //!
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
+//!    `turned` adds walls: outlines of one view turned about the centre of a circle of another, which no view sees edge-on.
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
+//!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
 //!    Smooth (tangent) edges are no edges here, as in drafting.
 //! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
-//! Not guaranteed: solids with faces other than planes along a view's line of sight and cylinders along an axis.
+//! Not guaranteed: solids with faces other than planes along a view's line of sight, and cylinders, cones, spheres and tori about one.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
 mod boundary;
+mod candidates;
 mod cells;
 mod column;
 mod drawing;
@@ -33,11 +36,21 @@ mod surfaces;
 mod tests;
 mod tidy;
 mod touching;
+mod traced;
+mod turned;
+mod turned_rings;
+#[cfg(test)]
+mod turned_tests;
+mod wall;
+mod wall_sight;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
+
+/// Surfaces of revolution are tried where there are so many candidates at most.
+const MOST_WALLS: usize = 24;
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -51,6 +64,25 @@ pub struct Solution {
     pub measures: Measures,
     /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
     pub cost: f64,
+}
+
+impl Solution {
+    /// Whether two solids are one: slivers without a volume may be empty or solid.
+    fn is_same(&self, other: &Self) -> bool {
+        let (a, b) = (&self.measures, &other.measures);
+        let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
+        let size = a.area.sqrt();
+        let has = |solid: &Solid, p: [f64; 3]| {
+            let mut vertices = solid.vertices.iter();
+            vertices.any(|v| (0..3).all(|k| near(v[k], p[k], 1e3 * size)))
+        };
+        self.solid.faces_by_kind() == other.solid.faces_by_kind()
+            && near(a.volume, b.volume, a.volume)
+            && near(a.area, b.area, a.area)
+            && (0..3).all(|k| near(a.centroid[k], b.centroid[k], size))
+            && self.solid.vertices.len() == other.solid.vertices.len()
+            && self.solid.vertices.iter().all(|v| has(&other.solid, *v))
+    }
 }
 
 /// A line that no solid explains.
@@ -79,15 +111,49 @@ pub struct Solutions {
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
 ///
+/// First with planes and cylinders only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
+///
 /// # Errors
 /// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines
 /// can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
-    let drawing = &tidy;
-    let plan = plan::Plan::of(drawing);
-    let cells = cells::Cells::of(&plan)?;
+    let plan = plan::Plan::of(&tidy);
+    let mut best = solve_plan(&tidy, &plan);
+    let mut tried = Vec::new();
+    for strict in [true, false] {
+        // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
+        let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
+        if is_too_large || !strict && best_cost(&best).is_some() {
+            break;
+        }
+        let walls = turned::walls(&plan, strict);
+        if walls == tried || walls.len() > MOST_WALLS {
+            continue;
+        }
+        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));
+        tried = walls;
+        let is_better = match (best_cost(&found), best_cost(&best)) {
+            (Some(found), Some(best)) => found < best,
+            (None, Some(_)) => false,
+            _ => true,
+        };
+        if is_better {
+            best = found;
+        }
+    }
+    best
+}
+
+/// The cost of the best solid that was found.
+fn best_cost(found: &Result<Solutions>) -> Option<f64> {
+    found.as_ref().ok()?.solutions.first().map(|s| s.cost)
+}
+
+/// Finds the solids whose faces are candidates of a plan.
+fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
+    let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
     let found = search::search(&cells, &looks, MOST_SOLUTIONS);
     let mut solutions = Solutions {
@@ -101,7 +167,11 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     }
     for assignment in &found.assignments {
         match solution(&cells, assignment) {
-            Ok(solution) => solutions.solutions.push(solution),
+            Ok(solution) => {
+                if !solutions.solutions.iter().any(|known| known.is_same(&solution)) {
+                    solutions.solutions.push(solution);
+                }
+            }
             Err(e) => solutions.rejected.push(e.to_string()),
         }
     }

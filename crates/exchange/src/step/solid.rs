@@ -1,4 +1,4 @@
-//! Solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
+//! Solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`, `SPHERICAL_SURFACE`, `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
 
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
@@ -32,6 +32,37 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &Surface) -> io::Result
         } => {
             let frame = write_frame(out, *origin, *axis, *x)?;
             out.add(format_args!("CYLINDRICAL_SURFACE('',{frame},{})", reals(&[*radius])))
+        }
+        Surface::Cone {
+            origin,
+            axis,
+            x,
+            radius,
+            half_angle_rad,
+        } => {
+            let frame = write_frame(out, *origin, *axis, *x)?;
+            let sizes = [*radius, *half_angle_rad];
+            out.add(format_args!("CONICAL_SURFACE('',{frame},{})", reals(&sizes)))
+        }
+        Surface::Sphere {
+            center,
+            axis,
+            x,
+            radius,
+        } => {
+            let frame = write_frame(out, *center, *axis, *x)?;
+            out.add(format_args!("SPHERICAL_SURFACE('',{frame},{})", reals(&[*radius])))
+        }
+        Surface::Torus {
+            center,
+            axis,
+            x,
+            major,
+            minor,
+        } => {
+            let frame = write_frame(out, *center, *axis, *x)?;
+            let sizes = [*major, *minor];
+            out.add(format_args!("TOROIDAL_SURFACE('',{frame},{})", reals(&sizes)))
         }
     }
 }

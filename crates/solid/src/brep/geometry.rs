@@ -1,6 +1,7 @@
-//! Curves and surfaces of faces: lines, circles, ellipses, splines; planes and cylinders.
+//! Curves and surfaces of faces: lines, circles, ellipses, splines; planes, cylinders, cones, spheres and tori.
 
 use planish_estimate::vector3::{add_scaled as along, cross, dot, norm, scale, sub};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A curve of an edge.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,10 +111,60 @@ pub enum Surface {
         /// The radius.
         radius: f64,
     },
+    /// All points whose distance from an axis is `radius + height tan(half_angle)`, where that is positive.
+    Cone {
+        /// The point of the axis at height 0.
+        origin: [f64; 3],
+        /// The axis, of unit length, towards where the cone is wider.
+        axis: [f64; 3],
+        /// A unit vector across the axis, where the angle is zero.
+        x: [f64; 3],
+        /// The radius at height 0, not negative.
+        radius: f64,
+        /// Between the axis and the surface, in radians, in (0, π/2).
+        half_angle_rad: f64,
+    },
+    /// All points at the radius from a centre.
+    Sphere {
+        /// The centre.
+        center: [f64; 3],
+        /// From pole to pole, of unit length.
+        axis: [f64; 3],
+        /// A unit vector across the axis, where the longitude is zero.
+        x: [f64; 3],
+        /// The radius.
+        radius: f64,
+    },
+    /// All points at the minor radius from a circle of the major radius around an axis.
+    Torus {
+        /// The centre.
+        center: [f64; 3],
+        /// The axis, of unit length.
+        axis: [f64; 3],
+        /// A unit vector across the axis, where the angle around it is zero.
+        x: [f64; 3],
+        /// The radius of the circle around the axis, not less than the minor radius.
+        major: f64,
+        /// The radius of the tube.
+        minor: f64,
+    },
+}
+
+/// Coordinates about an axis: along two directions across it, and along it.
+fn about(p: [f64; 3], origin: [f64; 3], axis: [f64; 3], x: [f64; 3]) -> [f64; 3] {
+    let d = sub(p, origin);
+    [dot(d, x), dot(d, cross(axis, x)), dot(d, axis)]
+}
+
+/// The point of an angle around an axis, a distance from it and a height.
+fn around(origin: [f64; 3], axis: [f64; 3], x: [f64; 3], [angle, distance, height]: [f64; 3]) -> [f64; 3] {
+    let across = along(scale(distance * angle.cos(), x), distance * angle.sin(), cross(axis, x));
+    along(along(origin, 1.0, across), height, axis)
 }
 
 impl Surface {
-    /// The parameters of a point: coordinates in a plane; on a cylinder the angle in (−π, π] and the height.
+    /// The parameters (u, v) of a point: coordinates in a plane; else u is the angle around the axis in (−π, π], and v the height on a cylinder
+    /// or cone, the latitude on a sphere, the angle around the tube, in (−π, π], on a torus.
     #[must_use]
     pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
         match self {
@@ -124,6 +175,20 @@ impl Surface {
             Self::Cylinder { origin, axis, x, .. } => {
                 let d = sub(p, *origin);
                 [dot(d, cross(*axis, *x)).atan2(dot(d, *x)), dot(d, *axis)]
+            }
+            Self::Cone { origin, axis, x, .. } => {
+                let [a, b, h] = about(p, *origin, *axis, *x);
+                [b.atan2(a), h]
+            }
+            Self::Sphere { center, axis, x, .. } => {
+                let [a, b, h] = about(p, *center, *axis, *x);
+                [b.atan2(a), h.atan2(a.hypot(b))]
+            }
+            Self::Torus {
+                center, axis, x, major, ..
+            } => {
+                let [a, b, h] = about(p, *center, *axis, *x);
+                [b.atan2(a), h.atan2(a.hypot(b) - major)]
             }
         }
     }
@@ -142,10 +207,30 @@ impl Surface {
                 let across = along(scale(radius * u.cos(), *x), radius * u.sin(), cross(*axis, *x));
                 along(along(*origin, 1.0, across), v, *axis)
             }
+            Self::Cone {
+                origin,
+                axis,
+                x,
+                radius,
+                half_angle_rad,
+            } => around(*origin, *axis, *x, [u, radius + v * half_angle_rad.tan(), v]),
+            Self::Sphere {
+                center,
+                axis,
+                x,
+                radius,
+            } => around(*center, *axis, *x, [u, radius * v.cos(), radius * v.sin()]),
+            Self::Torus {
+                center,
+                axis,
+                x,
+                major,
+                minor,
+            } => around(*center, *axis, *x, [u, major + minor * v.cos(), minor * v.sin()]),
         }
     }
 
-    /// The unit normal at a point: a plane's own, away from a cylinder's axis.
+    /// The unit normal at a point: a plane's own, away from an axis, from a sphere's centre, or out of a torus' tube.
     #[must_use]
     pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
@@ -153,6 +238,24 @@ impl Surface {
             Self::Cylinder { origin, axis, .. } => {
                 let d = sub(p, *origin);
                 unit(along(d, -dot(d, *axis), *axis))
+            }
+            Self::Cone {
+                origin,
+                axis,
+                half_angle_rad,
+                ..
+            } => {
+                let d = sub(p, *origin);
+                let out = unit(along(d, -dot(d, *axis), *axis));
+                along(scale(half_angle_rad.cos(), out), -half_angle_rad.sin(), *axis)
+            }
+            Self::Sphere { center, .. } => unit(sub(p, *center)),
+            Self::Torus {
+                center, axis, major, ..
+            } => {
+                let d = sub(p, *center);
+                let out = unit(along(d, -dot(d, *axis), *axis));
+                unit(along(d, -major, out))
             }
         }
     }
@@ -168,6 +271,49 @@ impl Surface {
                 let d = sub(p, *origin);
                 norm(along(d, -dot(d, *axis), *axis)) - radius
             }
+            Self::Cone {
+                origin,
+                axis,
+                x,
+                radius,
+                half_angle_rad,
+            } => {
+                let [a, b, h] = about(p, *origin, *axis, *x);
+                (a.hypot(b) - radius) * half_angle_rad.cos() - h * half_angle_rad.sin()
+            }
+            Self::Sphere { center, radius, .. } => norm(sub(p, *center)) - radius,
+            Self::Torus {
+                center,
+                axis,
+                x,
+                major,
+                minor,
+            } => {
+                let [a, b, h] = about(p, *center, *axis, *x);
+                (a.hypot(b) - major).hypot(h) - minor
+            }
+        }
+    }
+
+    /// By how much each parameter comes back to the same points: 2π around an axis or a tube; none where it does not.
+    #[must_use]
+    pub fn periods(&self) -> [Option<f64>; 2] {
+        match self {
+            Self::Plane { .. } => [None; 2],
+            Self::Cylinder { .. } | Self::Cone { .. } | Self::Sphere { .. } => [Some(TAU), None],
+            Self::Torus { .. } => [Some(TAU); 2],
+        }
+    }
+
+    /// The range of v: between the poles of a sphere, from a cone's apex on.
+    #[must_use]
+    pub fn range_v(&self) -> [f64; 2] {
+        match self {
+            Self::Cone {
+                radius, half_angle_rad, ..
+            } => [-radius / half_angle_rad.tan(), f64::INFINITY],
+            Self::Sphere { .. } => [-FRAC_PI_2, FRAC_PI_2],
+            _ => [f64::NEG_INFINITY, f64::INFINITY],
         }
     }
 
@@ -177,6 +323,9 @@ impl Surface {
         match self {
             Self::Plane { .. } => "plane",
             Self::Cylinder { .. } => "cylinder",
+            Self::Cone { .. } => "cone",
+            Self::Sphere { .. } => "sphere",
+            Self::Torus { .. } => "torus",
         }
     }
 }

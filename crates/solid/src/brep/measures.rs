@@ -1,7 +1,7 @@
 //! Volume, area and centroid by the divergence theorem.
 //!
 //! `3 V = ∮ p · n dA`, and over a face `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green). On planes and cylinders the integrands
-//! are polynomials in v, so that F is exact; along edges Gauss–Legendre of ten points on pieces of at most 15°.
+//! are polynomials in v, so that F is exact (`turned` has the other surfaces); along edges Gauss–Legendre of ten points on pieces of at most 15°.
 
 use super::{Coedge, Face, Solid, Surface};
 use planish_estimate::vector3::{dot, sub};
@@ -19,7 +19,7 @@ pub struct Measures {
 }
 
 /// Nodes on (−1, 1) and weights.
-const GAUSS: [(f64, f64); 10] = [
+pub(super) const GAUSS: [(f64, f64); 10] = [
     (-0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
     (-0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
     (-0.679_409_568_299_024_4, 0.219_086_362_515_982_04),
@@ -70,6 +70,11 @@ impl Solid {
     fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sign = if face.outward { 1.0 } else { -1.0 };
         let mut sum = [0.0; 5];
+        if !matches!(face.surface, Surface::Plane { .. } | Surface::Cylinder { .. }) {
+            sum = self.turned_integrals(face, origin);
+            sum[0] *= sign;
+            return sum;
+        }
         for coedge in face.loops.iter().flatten() {
             let along = self.along_edge(face, *coedge, origin);
             for k in 0..5 {
@@ -84,11 +89,7 @@ impl Solid {
     fn along_edge(&self, face: &Face, coedge: Coedge, origin: [f64; 3]) -> [f64; 5] {
         let edge = &self.edges[coedge.edge];
         let [from, to] = edge.range;
-        let pieces = match &edge.curve {
-            super::Curve::Line { .. } => 1,
-            super::Curve::Ellipse { .. } => ((to - from) / (PI / 12.0)).ceil().max(1.0) as usize,
-            super::Curve::Spline { points, .. } => points.len() - 1,
-        };
+        let pieces = pieces(edge);
         let direction = if coedge.forward { 1.0 } else { -1.0 };
         let half = (to - from) / pieces as f64 / 2.0;
         let mut sum = [0.0; 5];
@@ -107,10 +108,21 @@ impl Solid {
     }
 }
 
+/// Into how many pieces an edge is cut for Gauss–Legendre.
+pub(super) fn pieces(edge: &super::Edge) -> usize {
+    let [from, to] = edge.range;
+    match &edge.curve {
+        super::Curve::Line { .. } => 1,
+        super::Curve::Ellipse { .. } => ((to - from) / (PI / 12.0)).ceil().max(1.0) as usize,
+        super::Curve::Spline { points, .. } => points.len() - 1,
+    }
+}
+
 /// `−F du/dt` for the five integrands, with the surface's own normal and sense.
 fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
     let [_, v] = surface.parameters(p);
     match surface {
+        Surface::Cone { .. } | Surface::Sphere { .. } | Surface::Torus { .. } => [0.0; 5],
         Surface::Plane {
             origin: at, normal, x, ..
         } => {

@@ -85,7 +85,7 @@ fn a_noisy_prism_becomes_one_solid_whose_sizes_cover_the_truth() {
             lost += 1;
             continue;
         };
-        assert_eq!(best.solid.faces_by_kind(), [5, 0], "seed {seed}");
+        assert_eq!(best.solid.faces_by_kind()[..2], [5, 0], "seed {seed}");
         let dimensions = found.dimensions(&best.solid);
         assert_eq!(dimensions.len(), 3 + 9);
         let hypotenuse = SIZE[0].hypot(SIZE[2]);
@@ -166,7 +166,7 @@ fn a_cylinder_is_seen_as_a_circle_and_two_rectangles() {
     ];
     let found = match_views(&views, &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
-    assert_eq!(solid.faces_by_kind(), [2, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [2, 1]);
     let dimensions = found.dimensions(&solid);
     let diameter = dimensions.iter().find(|d| d.kind == DimensionKind::Diameter).unwrap();
     assert!((diameter.value - 40.0).abs() < 4.0 * diameter.sigma.unwrap());

@@ -4,11 +4,15 @@
 //! stretch of a curve stand half-surfaces; those between a solid and an empty sector are boundary, and where two different surfaces bound a
 //! solid sector there is an edge. Edges chain to loops on each surface, loops to faces: everything between edges is one face.
 
-use super::cells::{Cells, pieces_in};
+use super::candidates::{Candidate, corners, curves};
+use super::cells::{Cells, is_plain, pieces_in};
 use super::column::SurfaceId;
 use super::rings::faces;
 use super::search::Assignment;
-use super::surfaces::{Curve3, Drawn, meetings, triple};
+use super::surfaces::Curve3;
+use super::traced::Traced;
+use super::turned_rings::{turned_faces, with_free_poles};
+use super::wall::{Side, across};
 use crate::brep::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_estimate::{Error, Result};
@@ -17,12 +21,14 @@ use std::f64::consts::{PI, TAU};
 
 /// Pieces of the cubic spline of a curve between two cylinders.
 const SPLINE_PIECES: usize = 48;
+/// Pieces of the cubic spline of a curve that was followed step by step.
+const TRACED_PIECES: usize = 96;
 
 /// A solution while its boundary is made.
 pub(super) struct Maker<'a> {
     pub(super) cells: &'a Cells<'a>,
     assignment: &'a Assignment,
-    pub(super) surfaces: Vec<Drawn>,
+    pub(super) surfaces: Vec<Candidate>,
     pub(super) solid: Solid,
     /// Coedges of each surface and side.
     pub(super) coedges: BTreeMap<(usize, bool), Vec<Coedge>>,
@@ -42,7 +48,7 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
         coedges: BTreeMap::new(),
         tolerance: 5.0 * cells.plan.tolerance,
     };
-    maker.surfaces = maker.used().into_iter().map(|id| Drawn::of(cells, id)).collect();
+    maker.surfaces = maker.used().into_iter().map(|id| Candidate::of(cells, id)).collect();
     maker.make_edges();
     maker.part_touching_faces()?;
     maker.make_faces()?;
@@ -59,12 +65,61 @@ impl Maker<'_> {
     /// Whether a piece other than the one given passes so near a point of a box.
     fn touched(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
         let plan = self.cells.plan;
-        plan.views.iter().enumerate().any(|(v, view)| {
+        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             pieces_in(plan, v, cell)
                 .iter()
                 .any(|&n| but != Some((v, n)) && view.profile(n).value([p[axes[0]], p[axes[1]]]).abs() < near)
-        })
+        });
+        by_piece || self.touched_by_wall(p, cell, near, None)
+    }
+
+    /// Whether a wall other than the one given passes so near a point of a box.
+    fn touched_by_wall(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
+        let plan = self.cells.plan;
+        let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
+        walls.any(|&(wall, side)| plan.walls[wall as usize].value_of(side, p).abs() < near)
+    }
+
+    /// Whether a wall has different states on its sides anywhere in a box.
+    fn is_wall_used(&self, cell: [usize; 3], (index, side): (u16, Side), step: f64) -> bool {
+        const SAMPLES: [f64; 7] = [0.02, 0.13, 0.33, 0.52, 0.71, 0.88, 0.97];
+        let wall = &self.cells.plan.walls[index as usize];
+        let (lo, hi) = self.cells.plan.bounds(cell);
+        for along_axis in 0..3 {
+            let [a, b] = across(along_axis);
+            for s in SAMPLES {
+                for t in SAMPLES {
+                    let mut p = [0.0; 3];
+                    p[a] = lo[a] + s * (hi[a] - lo[a]);
+                    p[b] = lo[b] + t * (hi[b] - lo[b]);
+                    for depth in wall.crossings(side, along_axis, p, 0.0) {
+                        p[along_axis] = depth;
+                        let inside = (0..3).all(|k| p[k] > lo[k] + 2.0 * step && p[k] < hi[k] - 2.0 * step);
+                        if !inside || self.touched_but(p, cell, 3.0 * step, index) {
+                            continue;
+                        }
+                        let n = wall.normal(p);
+                        if self.is_solid(along(p, step, n)) != self.is_solid(along(p, -step, n)) {
+                            return true;
+                        }
+                    }
+                }
+            }
+        }
+        false
+    }
+
+    fn touched_but(&self, p: [f64; 3], cell: [usize; 3], near: f64, wall: u16) -> bool {
+        let plan = self.cells.plan;
+        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
+            let axes = view.kind.axes();
+            let at = [p[axes[0]], p[axes[1]]];
+            pieces_in(plan, v, cell)
+                .iter()
+                .any(|&n| view.profile(n).value(at).abs() < near)
+        });
+        by_piece || self.touched_by_wall(p, cell, near, Some(wall))
     }
 
     /// Surfaces with different states on their sides anywhere.
@@ -80,7 +135,7 @@ impl Maker<'_> {
                     let lo = [0, 1, 2].map(|a| plan.grid[a][cell[a]]);
                     let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
                     let at = |shares: [f64; 3]| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * shares[a]);
-                    let plain = (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+                    let plain = is_plain(plan, cell);
                     let samples: &[f64] = if plain {
                         &[0.47]
                     } else {
@@ -113,6 +168,12 @@ impl Maker<'_> {
                             }
                         }
                     }
+                    for &found in plan.walls_in(cell) {
+                        let id = SurfaceId::Wall(found.0 as usize);
+                        if !used.contains(&id) && self.is_wall_used(cell, found, step) {
+                            used.insert(id);
+                        }
+                    }
                     for v in 0..plan.views.len() {
                         let axes = plan.views[v].kind.axes();
                         for &piece in pieces_in(plan, v, cell) {
@@ -125,7 +186,13 @@ impl Maker<'_> {
                                 for t in samples {
                                     let mut on = at([*t; 3]);
                                     (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
-                                    if self.touched(on, cell, 3.0 * step, Some((v, piece))) {
+                                    // Beside a border of the box, the other side may be another box's.
+                                    let beside = (0..2).any(|k| {
+                                        let a = axes[k];
+                                        let room = (m[k] - lo[a]).min(hi[a] - m[k]);
+                                        room < 2.0 * step * normal[k].abs() && hi[a] - lo[a] > 20.0 * step
+                                    });
+                                    if beside || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
                                         continue;
                                     }
                                     let side = |sign: f64| {
@@ -155,13 +222,16 @@ impl Maker<'_> {
         });
         for s in 0..n {
             for t in s + 1..n {
-                for meeting in meetings(&self.surfaces[s], &self.surfaces[t], self.tolerance) {
+                for meeting in curves(
+                    &self.surfaces[s],
+                    &self.surfaces[t],
+                    self.cells.plan.size,
+                    self.tolerance,
+                ) {
                     let mut points = meeting.ends.clone();
                     for u in (0..n).filter(|u| *u != s && *u != t) {
-                        points.extend(triple(
-                            [&self.surfaces[s], &self.surfaces[t], &self.surfaces[u]],
-                            self.tolerance,
-                        ));
+                        let three = [s, t, u].map(|k| &self.surfaces[k]);
+                        points.extend(corners(three, &meeting.curve, bounds, self.tolerance));
                     }
                     points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
                     self.cut(&meeting.curve, points, [s, t]);
@@ -181,17 +251,20 @@ impl Maker<'_> {
             }
         }
         cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let closed = matches!(curve, Curve3::Ellipse { .. });
-        if closed && cuts.is_empty() {
-            self.add_stretch(curve, [0.0, TAU], None, pair);
+        let period = curve.period();
+        if let (Some(period), true) = (period, cuts.is_empty()) {
+            self.add_stretch(curve, [0.0, period], None, pair);
             return;
         }
         for k in 0..cuts.len() {
             let (from, p) = cuts[k];
             match cuts.get(k + 1) {
                 Some((to, q)) => self.add_stretch(curve, [from, *to], Some([p, *q]), pair),
-                None if closed => self.add_stretch(curve, [from, cuts[0].0 + TAU], Some([p, cuts[0].1]), pair),
-                None => {}
+                None => {
+                    if let Some(period) = period {
+                        self.add_stretch(curve, [from, cuts[0].0 + period], Some([p, cuts[0].1]), pair);
+                    }
+                }
             }
         }
     }
@@ -320,6 +393,10 @@ impl Maker<'_> {
                 ),
             },
             Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
+            Curve3::Traced(traced) => {
+                let curve = traced_spline(traced, range, ends);
+                (curve, [0.0, TRACED_PIECES as f64])
+            }
         };
         self.solid.edges.push(Edge {
             curve,
@@ -335,7 +412,13 @@ impl Maker<'_> {
         for ((index, outward), uses) in coedges {
             let surface = self.surfaces[index].surface();
             let loops = self.loops(&surface, outward, uses)?;
-            for loops in faces(&self.solid, &surface, outward, loops) {
+            let drawn_out = matches!(surface, Surface::Plane { .. } | Surface::Cylinder { .. });
+            let grouped = match drawn_out {
+                true => faces(&self.solid, &surface, outward, loops),
+                false => turned_faces(&self.solid, &surface, outward, loops),
+            };
+            for loops in grouped {
+                let surface = with_free_poles(&self.solid, surface, &loops);
                 self.solid.faces.push(Face {
                     surface,
                     outward,
@@ -449,6 +532,31 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
                 }
             };
             d.map(|c| c * h)
+        })
+        .collect();
+    Curve::Spline { points, derivatives }
+}
+
+/// A cubic spline through points of a traced curve, equally far apart, with its tangents there.
+fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> Curve {
+    let n = TRACED_PIECES;
+    let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
+    if let Some([p, q]) = ends {
+        (points[0], points[n]) = (p, q);
+    }
+    let chord = |k: usize| norm(sub(points[k + 1], points[k]));
+    let derivatives = (0..=n)
+        .map(|k| {
+            let (lo, hi) = (k.saturating_sub(1), (k + 1).min(n));
+            let length = (lo..hi).map(chord).sum::<f64>() / (hi - lo) as f64;
+            let chord = unit(sub(points[hi], points[lo]));
+            let tangent = traced.tangent(points[k]);
+            let turn = dot(tangent, chord);
+            // At an end where the surfaces touch there is no tangent; the curve goes on as its last chord, or better, as it bends.
+            match turn.abs() > 0.9 {
+                true => tangent.map(|c| turn.signum() * length * c),
+                false => chord.map(|c| length * c),
+            }
         })
         .collect();
     Curve::Spline { points, derivatives }

@@ -3,9 +3,13 @@
 //! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of them. Where a view shows no line,
 //! nothing separates the atoms on both sides of its grid line: they are one cell (union–find).
 
+use super::column::SurfaceId;
 use super::plan::Plan;
 use planish_estimate::{Error, Result};
+use std::collections::HashSet;
 
+/// A larger grid is refused: each of its boxes is looked at many times.
+const MOST_BOXES: usize = 1_000_000;
 /// More atoms than this are refused.
 const MOST_ATOMS: usize = 8_000_000;
 
@@ -14,6 +18,8 @@ pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a Plan,
     first: Vec<u32>,
     parent: Vec<u32>,
+    /// Cells thicker somewhere than rounding, where there are walls.
+    thick: HashSet<u32>,
 }
 
 impl<'a> Cells<'a> {
@@ -23,13 +29,20 @@ impl<'a> Cells<'a> {
     /// `Unsupported` where there are too many atoms.
     pub(crate) fn of(plan: &'a Plan) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
+        if n[0] * n[1] * n[2] > MOST_BOXES {
+            return Err(Error::unsupported(format!(
+                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as where lines end or turn at fewer places",
+                n[0], n[1], n[2]
+            )));
+        }
         let mut first = Vec::with_capacity(n[0] * n[1] * n[2] + 1);
         let mut total = 0_usize;
         for i in 0..n[0] {
             for j in 0..n[1] {
                 for k in 0..n[2] {
                     first.push(total as u32);
-                    let cuts: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    let pieces: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    let cuts = pieces + plan.walls_in([i, j, k]).len();
                     total += 1_usize << cuts.min(24);
                     if total > MOST_ATOMS {
                         return Err(Error::unsupported(format!(
@@ -43,6 +56,7 @@ impl<'a> Cells<'a> {
             plan,
             first,
             parent: (0..total as u32).collect(),
+            thick: HashSet::new(),
         };
         for axis in 0..3 {
             cells.join_across(axis);
@@ -50,7 +64,70 @@ impl<'a> Cells<'a> {
         for atom in 0..total as u32 {
             cells.parent[atom as usize] = cells.root(atom);
         }
+        cells.find_thick();
         Ok(cells)
+    }
+
+    /// Finds the cells that are thicker than rounding, along lines through every box with walls.
+    fn find_thick(&mut self) {
+        const SHARES: [f64; 7] = [0.03, 0.14, 0.32, 0.51, 0.68, 0.87, 0.97];
+        let plan = self.plan;
+        let n = [0, 1, 2].map(|a| plan.intervals(a));
+        let mut thick = HashSet::new();
+        for place in 0..n[0] * n[1] * n[2] {
+            let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
+            if plan.walls_in(cell).is_empty() {
+                continue;
+            }
+            let (lo, hi) = plan.bounds(cell);
+            for along in 0..3 {
+                let [a, b] = [(along + 1) % 3, (along + 2) % 3];
+                for s in SHARES {
+                    for t in SHARES {
+                        let mut p = [0.0; 3];
+                        p[a] = lo[a] + s * (hi[a] - lo[a]);
+                        p[b] = lo[b] + t * (hi[b] - lo[b]);
+                        let mut cuts: Vec<f64> = self.cuts(cell, along, p).into_iter().map(|c| c.0).collect();
+                        cuts.extend([lo[along], hi[along]]);
+                        cuts.sort_by(f64::total_cmp);
+                        for pair in cuts.windows(2).filter(|c| c[1] - c[0] > 10.0 * plan.tolerance) {
+                            p[along] = (pair[0] + pair[1]) / 2.0;
+                            thick.insert(self.at_in(cell, p));
+                        }
+                    }
+                }
+            }
+        }
+        self.thick = thick;
+    }
+
+    /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out mean one curve, rounding leaves such between them.
+    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
+        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
+    }
+
+    /// Where the line along an axis through a point of a box meets what cuts it.
+    pub(crate) fn cuts(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, SurfaceId)> {
+        let plan = self.plan;
+        let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
+        for (v, view) in plan.views.iter().enumerate() {
+            let axes = view.kind.axes();
+            if axes[2] == along {
+                continue;
+            }
+            let known = usize::from(axes[0] == along);
+            let value = p[axes[known]];
+            for &piece in pieces_in(plan, v, cell) {
+                let id = SurfaceId::Carrier(v, view.pieces[piece as usize].carrier);
+                let crossings = view.profile(piece).crossings(known, value, 0.0);
+                cuts.extend(crossings.into_iter().map(|depth| (depth, id)));
+            }
+        }
+        let walls = self.wall_crossings(cell, along, p);
+        cuts.extend(walls.into_iter().map(|(depth, wall)| (depth, SurfaceId::Wall(wall))));
+        let (lo, hi) = (plan.grid[along][cell[along]], plan.grid[along][cell[along] + 1]);
+        cuts.retain(|c| c.0 > lo && c.0 < hi);
+        cuts
     }
 
     fn root(&mut self, mut atom: u32) -> u32 {
@@ -73,6 +150,10 @@ impl<'a> Cells<'a> {
                 bits |= u32::from(view.profile(piece).value(q) > 0.0) << place;
                 place += 1;
             }
+        }
+        for &(wall, side) in self.plan.walls_in(cell) {
+            bits |= u32::from(self.plan.walls[wall as usize].value_of(side, p) > 0.0) << place;
+            place += 1;
         }
         self.first[(cell[0] * n[0] + cell[1]) * n[1] + cell[2]] + bits
     }
@@ -122,13 +203,29 @@ impl<'a> Cells<'a> {
 
     /// Whether a point lies so near a piece of its box that rounding may put it on either side.
     fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
-        self.plan.views.iter().enumerate().any(|(v, view)| {
+        let near = 0.1 * self.plan.tolerance;
+        let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let q = [p[axes[0]], p[axes[1]]];
             pieces_in(self.plan, v, cell)
                 .iter()
-                .any(|n| view.profile(*n).value(q).abs() < 0.1 * self.plan.tolerance)
-        })
+                .any(|n| view.profile(*n).value(q).abs() < near)
+        });
+        let walls = self.plan.walls_in(cell);
+        at_piece
+            || walls
+                .iter()
+                .any(|&(wall, side)| self.plan.walls[wall as usize].value_of(side, p).abs() < near)
+    }
+
+    /// Where the line along an axis through a point meets the walls of a box.
+    pub(crate) fn wall_crossings(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        for &(wall, side) in self.plan.walls_in(cell) {
+            let crossings = self.plan.walls[wall as usize].crossings(side, along, p, 0.0);
+            found.extend(crossings.into_iter().map(|at| (at, wall as usize)));
+        }
+        found
     }
 
     /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the boxes' own ends, ascending.
@@ -173,22 +270,39 @@ impl<'a> Cells<'a> {
 
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
-        let plain = |cell| (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty());
+        let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
             self.unite(self.first[place(before)], self.first[place(behind)]);
             return;
         }
         let value = plan.grid[axis][at];
-        let across_a = self.sections(&[before, behind], axis, value, a);
+        let mut across_a = self.sections(&[before, behind], axis, value, a);
         let across_b = self.sections(&[before, behind], axis, value, b);
         let curved = self.has_pieces(before, axis) || self.has_pieces(behind, axis);
+        let walled = [before, behind].iter().any(|c| !plan.walls_in(*c).is_empty());
+        let curved = curved || walled;
+        if walled {
+            let mut p = [0.0; 3];
+            p[axis] = value;
+            for border in [across_b[0], across_b[across_b.len() - 1]] {
+                p[b] = border;
+                for cell in [before, behind] {
+                    across_a.extend(self.wall_crossings(cell, a, p).into_iter().map(|c| c.0));
+                }
+            }
+            let ends = [plan.grid[a][before[a]], plan.grid[a][before[a] + 1]];
+            across_a = within(across_a, &ends);
+        }
         // What is nearer to each other than the drawing's coordinates are known is one.
         let least = 2.0 * plan.tolerance;
         for x in samples(&across_a, if curved { 5 } else { 1 }, least) {
             let mut cuts = across_b.clone();
             for cell in [before, behind] {
                 cuts.extend(self.crossed(cell, axis, a, x));
+                let mut p = [0.0; 3];
+                (p[axis], p[a]) = (value, x);
+                cuts.extend(self.wall_crossings(cell, b, p).into_iter().map(|c| c.0));
             }
             for y in samples(&within(cuts, &across_b), 1, least) {
                 let mut p = [0.0; 3];
@@ -224,6 +338,11 @@ fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
         .filter(|c| c[1] - c[0] > least)
         .flat_map(|c| shares.iter().map(|s| c[0] + s * (c[1] - c[0])))
         .collect()
+}
+
+/// Whether nothing cuts a box.
+pub(crate) fn is_plain(plan: &Plan, cell: [usize; 3]) -> bool {
+    plan.walls_in(cell).is_empty() && (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty())
 }
 
 /// The pieces of a view that cut a box.

@@ -1,6 +1,6 @@
 //! Columns: what a line of sight passes through, cell after cell.
 
-use super::cells::{Cells, pieces_in};
+use super::cells::Cells;
 
 /// Where a line of sight passes from one cell into another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +19,8 @@ pub(crate) enum SurfaceId {
     Grid(usize, usize),
     /// What a carrier of a view draws: the view's and the carrier's index.
     Carrier(usize, usize),
+    /// A surface of revolution, by its index.
+    Wall(usize),
 }
 
 /// A line of sight in cells: the first is `start`.
@@ -41,30 +43,19 @@ impl Cells<'_> {
         (p[right], p[up]) = (q[0], q[1]);
         let count = plan.intervals(along);
         let mut sequence: Vec<(f64, SurfaceId, u32)> = Vec::new();
-        let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
         for k in 0..count {
             cell[along] = k;
             let (lo, hi) = (plan.grid[along][k], plan.grid[along][k + 1]);
-            cuts.clear();
-            for v in (0..plan.views.len()).filter(|v| *v != view) {
-                let other = &plan.views[v];
-                let axes = other.kind.axes();
-                let known = usize::from(axes[0] == along);
-                let value = p[axes[known]];
-                for &piece in pieces_in(plan, v, cell) {
-                    for depth in other.profile(piece).crossings(known, value, 0.0) {
-                        if depth > lo && depth < hi {
-                            cuts.push((depth, SurfaceId::Carrier(v, other.pieces[piece as usize].carrier)));
-                        }
-                    }
-                }
-            }
+            let mut cuts = self.cuts(cell, along, p);
             cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
             let mut from = (lo, SurfaceId::Grid(along, k));
             for n in 0..=cuts.len() {
                 let to = cuts.get(n).map_or(hi, |c| c.0);
                 p[along] = (from.0 + to) / 2.0;
-                sequence.push((from.0, from.1, self.at_in(cell, p)));
+                let of = self.at_in(cell, p);
+                if !self.is_sliver(cell, to - from.0, of) {
+                    sequence.push((from.0, from.1, of));
+                }
                 if let Some(cut) = cuts.get(n) {
                     from = *cut;
                 }

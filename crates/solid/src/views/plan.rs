@@ -5,6 +5,7 @@
 
 use super::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use super::profile::Profile;
+use super::wall::{Side, Wall};
 use std::f64::consts::{PI, TAU};
 
 /// A stretch of a line that is drawn in one way, by the entity that draws it.
@@ -57,6 +58,10 @@ pub(crate) struct Plan {
     pub(crate) size: f64,
     /// Coordinates nearer than this are one.
     pub(crate) tolerance: f64,
+    /// Candidate surfaces that no view sees edge-on.
+    pub(crate) walls: Vec<Wall>,
+    /// Which of them pass through each box of the grid, the third coordinate fastest; empty where there are none.
+    walls_of: Vec<Vec<(u16, Side)>>,
 }
 
 /// Values that are one within a tolerance, each with a representative.
@@ -168,7 +173,7 @@ fn unwrap_angles(run: Run) -> Vec<Run> {
 }
 
 /// Stretches that are drawn in any way: touching runs become one.
-fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
+pub(crate) fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = runs.iter().map(|r| [r.from, r.to]).collect();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut merged: Vec<[f64; 2]> = Vec::new();
@@ -276,7 +281,41 @@ impl Plan {
             views,
             size,
             tolerance,
+            walls: Vec::new(),
+            walls_of: Vec::new(),
         }
+    }
+
+    /// The same plan with walls.
+    pub(crate) fn with_walls(mut self, walls: Vec<Wall>) -> Self {
+        let n = [0, 1, 2].map(|a| self.intervals(a));
+        self.walls_of = vec![Vec::new(); n[0] * n[1] * n[2]];
+        for (index, wall) in walls.iter().enumerate() {
+            for i in 0..n[0] {
+                for j in 0..n[1] {
+                    for k in 0..n[2] {
+                        let (lo, hi) = self.bounds([i, j, k]);
+                        if let Some(side) = wall.passes(lo, hi, 5.0 * self.tolerance) {
+                            self.walls_of[(i * n[1] + j) * n[2] + k].push((index as u16, side));
+                        }
+                    }
+                }
+            }
+        }
+        self.walls = walls;
+        self
+    }
+
+    /// The walls that pass through a box.
+    pub(crate) fn walls_in(&self, cell: [usize; 3]) -> &[(u16, Side)] {
+        let at = (cell[0] * self.intervals(1) + cell[1]) * self.intervals(2) + cell[2];
+        self.walls_of.get(at).map_or(&[], Vec::as_slice)
+    }
+
+    /// The least and greatest corner of a box.
+    pub(crate) fn bounds(&self, cell: [usize; 3]) -> ([f64; 3], [f64; 3]) {
+        let at = |up: usize| [0, 1, 2].map(|a| self.grid[a][cell[a] + up]);
+        (at(0), at(1))
     }
 
     /// The interval of an axis that holds a value.

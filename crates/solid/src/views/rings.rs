@@ -1,4 +1,4 @@
-//! Loops in a surface's parameters, gathered to faces.
+//! Loops on planes and cylinders, in their parameters, gathered to faces.
 
 use crate::brep::{Coedge, Curve, Solid, Surface};
 use std::collections::BTreeMap;

@@ -8,9 +8,16 @@
 use super::cells::{Cells, pieces_in};
 use super::column::{Break, Column, SurfaceId};
 use super::drawing::{Drawing, LineStyle, distance};
-use super::plan::runs_within;
+use super::plan::{Carrier, runs_within};
+use super::profile::Profile;
+use super::wall::Side;
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 
+/// Within this share of the drawing's size, a point lies on a curve that is drawn by points.
+const ON_CURVE: f64 = 2e-5;
+/// Curves run along each other below this sine of the angle between them.
+const PARALLEL: f64 = 0.1;
 /// A look counts where it is the same from so many times nearer.
 const NEARER: f64 = 100.0;
 
@@ -57,11 +64,19 @@ impl Looks {
             looks.along_grid(cells, view);
             looks.along_pieces(cells, view);
             looks.at_crossings(cells, drawing, view);
+            looks.at_walls(cells, drawing, view);
         }
         looks
     }
 
-    fn add(&mut self, cells: &Cells, place: LookPlace, style: Option<LineStyle>, normal: [f64; 2], step: f64) {
+    pub(super) fn add(
+        &mut self,
+        cells: &Cells,
+        place: LookPlace,
+        style: Option<LineStyle>,
+        normal: [f64; 2],
+        step: f64,
+    ) {
         if is_crowded(cells, place.view, place.at, normal, 2.0 * step) {
             return;
         }
@@ -160,6 +175,12 @@ impl Looks {
         let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
             return;
         };
+        // Walls make more cells between the same lines: one look may not tell of all.
+        let shares: &[f64] = if plan.walls.is_empty() {
+            &[0.47]
+        } else {
+            &[0.47, 0.16, 0.86]
+        };
         let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
         let [a_at, a_depth, b_at, b_depth] = [place(a, right), place(a, along), place(b, up), place(b, along)];
         for i in 0..plan.intervals(right) {
@@ -179,44 +200,46 @@ impl Looks {
                             if hi - lo < 1e-4 * plan.size {
                                 continue;
                             }
-                            let depth = lo + 0.47 * (hi - lo);
-                            let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
-                                let profile = plan.views[v].profile(piece);
-                                let at = profile
-                                    .crossings(known, depth, 0.0)
-                                    .into_iter()
-                                    .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
-                                let mut point = [0.0; 2];
-                                (point[known], point[1 - known]) = (depth, at);
-                                let normal = profile.normal(point);
-                                (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
-                            };
-                            let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
-                                continue;
-                            };
-                            let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
-                                continue;
-                            };
-                            let length = du.hypot(dw);
-                            let at = [u, w];
-                            if length < 1e-6 {
-                                continue;
+                            for &share in shares {
+                                let depth = lo + share * (hi - lo);
+                                let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
+                                    let profile = plan.views[v].profile(piece);
+                                    let at = profile
+                                        .crossings(known, depth, 0.0)
+                                        .into_iter()
+                                        .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
+                                    let mut point = [0.0; 2];
+                                    (point[known], point[1 - known]) = (depth, at);
+                                    let normal = profile.normal(point);
+                                    (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
+                                };
+                                let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                    continue;
+                                };
+                                let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                    continue;
+                                };
+                                let length = du.hypot(dw);
+                                let at = [u, w];
+                                if length < 1e-6 {
+                                    continue;
+                                }
+                                let Some(style) = style_near(cells, drawing, view, at, None) else {
+                                    continue;
+                                };
+                                let place = LookPlace {
+                                    view,
+                                    at,
+                                    curve: style.map(|s| s.1),
+                                };
+                                self.add(
+                                    cells,
+                                    place,
+                                    style.map(|s| s.0),
+                                    [du / length, -dw / length],
+                                    1e-5 * plan.size,
+                                );
                             }
-                            let Some(style) = style_near(cells, drawing, view, at) else {
-                                continue;
-                            };
-                            let place = LookPlace {
-                                view,
-                                at,
-                                curve: style.map(|s| s.1),
-                            };
-                            self.add(
-                                cells,
-                                place,
-                                style.map(|s| s.0),
-                                [du / length, -dw / length],
-                                1e-5 * plan.size,
-                            );
                         }
                     }
                 }
@@ -225,8 +248,15 @@ impl Looks {
     }
 }
 
-/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn.
-fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Option<Option<(LineStyle, usize)>> {
+/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn. Where walls are
+/// candidates, a drawn curve must run across the normal given.
+pub(super) fn style_near(
+    cells: &Cells,
+    drawing: &Drawing,
+    view: usize,
+    at: [f64; 2],
+    normal: Option<[f64; 2]>,
+) -> Option<Option<(LineStyle, usize)>> {
     let plan = cells.plan;
     let shown = &plan.views[view];
     let axes = shown.kind.axes();
@@ -244,19 +274,39 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
             }
         }
     }
-    let on_carrier = |carrier: &super::plan::Carrier| carrier.profile.value(at).abs() < near;
+    let on_carrier = |carrier: &Carrier| {
+        // Where walls are candidates, the place may lie on a carrier beyond what is drawn of it.
+        carrier.profile.value(at).abs() < near && (plan.walls.is_empty() || is_drawn(carrier, at, near))
+    };
     if shown.carriers.iter().any(on_carrier) {
         return None;
     }
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
+    // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it tells nothing.
+    let on = if plan.walls.is_empty() {
+        near / 2.0
+    } else {
+        ON_CURVE * plan.size
+    };
     for &index in &shown.others {
         let points = curves[index].curve.points();
-        if points
+        let (far, across) = points
             .windows(2)
-            .any(|p| distance_to_segment(at, p[0], p[1]) < near / 2.0)
-        {
+            .map(|p| {
+                let d = [p[1][0] - p[0][0], p[1][1] - p[0][1]];
+                let length = d[0].hypot(d[1]).max(f64::MIN_POSITIVE);
+                let across = normal.map_or(0.0, |n| (n[0] * d[0] + n[1] * d[1]).abs() / length);
+                (distance_to_segment(at, p[0], p[1]), across)
+            })
+            .fold((f64::MAX, 0.0), |best, p| if p.0 < best.0 { p } else { best });
+        if far < on && across > PARALLEL {
+            return None;
+        }
+        if far < on {
             found.push((curves[index].style, index));
+        } else if far < near / 2.0 {
+            return None;
         }
     }
     match found.split_first() {
@@ -264,6 +314,17 @@ fn style_near(cells: &Cells, drawing: &Drawing, view: usize, at: [f64; 2]) -> Op
         Some((first, rest)) if rest.iter().all(|r| r.0 == first.0) => Some(Some(*first)),
         _ => None,
     }
+}
+
+/// Whether a run of a carrier comes near a point on it.
+fn is_drawn(carrier: &Carrier, at: [f64; 2], near: f64) -> bool {
+    let t = carrier.profile.parameter(at);
+    let (t, margin) = match carrier.profile {
+        Profile::Circle { radius, .. } => (t.rem_euclid(TAU), near / radius),
+        Profile::Line { .. } => (t, near),
+    };
+    let within = |t: f64| carrier.runs.iter().any(|r| t > r.from - margin && t < r.to + margin);
+    within(t) || matches!(carrier.profile, Profile::Circle { .. }) && (within(t - TAU) || within(t + TAU))
 }
 
 /// The distance of a point to a straight line between two points.
@@ -280,7 +341,7 @@ pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 
 /// Intervals of an axis in which another view than the one given has pieces.
 fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
     let plan = cells.plan;
-    let mut found = vec![false; plan.intervals(axis)];
+    let mut found = vec![!plan.walls.is_empty(); plan.intervals(axis)];
     for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
         let axes = plan.views[v].kind.axes();
         let Some(k) = (0..2).find(|&k| axes[k] == axis) else {
@@ -321,6 +382,23 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             Limit {
                 depth: entry.depth,
                 normal: Some(normal),
+                cell: entry.cell,
+            }
+        }
+        SurfaceId::Wall(index) => {
+            let wall = &plan.walls[index];
+            let mut p = [0.0; 3];
+            (p[right], p[up]) = (at[0], at[1]);
+            let here = entry.depth * sign;
+            let depth = wall
+                .crossings(Side::Both, along, p, step)
+                .into_iter()
+                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
+                .unwrap_or(here);
+            p[along] = depth;
+            Limit {
+                depth: depth * sign,
+                normal: Some(wall.normal(p)),
                 cell: entry.cell,
             }
         }

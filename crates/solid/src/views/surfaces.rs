@@ -5,6 +5,7 @@
 use super::cells::Cells;
 use super::column::SurfaceId;
 use super::profile::Profile;
+use super::traced::Traced;
 use crate::brep::{Surface, along};
 use planish_estimate::vector3::norm;
 use std::f64::consts::TAU;
@@ -33,6 +34,7 @@ impl Drawn {
                     plane: Some((axis, offset)),
                 }
             }
+            SurfaceId::Wall(_) => unreachable!("a wall is not drawn out"),
             SurfaceId::Carrier(view, carrier) => {
                 let view = &cells.plan.views[view];
                 Self {
@@ -93,7 +95,7 @@ impl Drawn {
 }
 
 /// Where two profiles of one view meet; touching counts once.
-fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
+pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
     match (a, b) {
         (Profile::Line { normal: n, offset: d }, Profile::Line { normal: m, offset: e }) => {
             let det = n[0] * m[1] - n[1] * m[0];
@@ -295,6 +297,8 @@ pub(super) enum Curve3 {
         signs: [f64; 2],
         range: [f64; 2],
     },
+    /// Any other: by points along it.
+    Traced(Traced),
 }
 
 fn circle(s: &Drawn) -> Option<([f64; 2], f64)> {
@@ -455,11 +459,21 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
 }
 
 impl Curve3 {
+    /// After which parameter a closed curve comes back; none where it has ends.
+    pub(super) fn period(&self) -> Option<f64> {
+        match self {
+            Self::Ellipse { .. } => Some(TAU),
+            Self::Traced(traced) if traced.closed => Some(traced.end()),
+            _ => None,
+        }
+    }
+
     /// The point of a parameter; a branch's runs from 0 to π.
     pub(super) fn point(&self, t: f64) -> [f64; 3] {
         match self {
             Self::Line { origin, direction } => along(*origin, t, *direction),
             Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            Self::Traced(traced) => traced.point(t),
             Self::Branch {
                 first,
                 second,
@@ -508,6 +522,7 @@ impl Curve3 {
                     .atan2(dot(d, *a) / dot(*a, *a))
                     .rem_euclid(TAU)
             }
+            Self::Traced(traced) => traced.parameter(p),
             Self::Branch { shared, range, .. } => {
                 let half = (range[1] - range[0]) / 2.0;
                 let share = ((p[*shared] - range[0]) / half).clamp(0.0, 2.0);

@@ -9,11 +9,11 @@ fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
     }
 }
 
-fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve {
+pub(super) fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve {
     drawn(Curve2::Segment(a, b), style)
 }
 
-fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
+pub(super) fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
     let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
     (0..4)
         .map(|k| segment(corners[k], corners[(k + 1) % 4], LineStyle::Visible))
@@ -50,7 +50,7 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
     assert!(found.complete && found.unexplained.is_empty());
     assert_eq!(found.solutions.len(), 1);
     let Solution { solid, measures, .. } = &found.solutions[0];
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!(
         (measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8,
         "{}",
@@ -90,11 +90,11 @@ fn a_boundary_with_a_face_missing_is_refused() {
     assert!(solid.check(1e-6).is_err());
 }
 
-fn circle(center: [f64; 2], radius: f64) -> Curve2 {
+pub(super) fn circle(center: [f64; 2], radius: f64) -> Curve2 {
     arc(center, radius, 0.0, TAU)
 }
 
-fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
+pub(super) fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
     Curve2::Arc {
         center,
         radius,
@@ -103,11 +103,11 @@ fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
     }
 }
 
-fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+pub(super) fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
     segment(a, b, LineStyle::Hidden)
 }
 
-fn visible(curve: Curve2) -> DrawnCurve {
+pub(super) fn visible(curve: Curve2) -> DrawnCurve {
     drawn(curve, LineStyle::Visible)
 }
 
@@ -142,7 +142,7 @@ fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
     // And a crumb of it is drawn once more, as its chord.
     top.push(segment(on(1.0), on(1.0005), LineStyle::Visible));
     let Solution { solid, measures, .. } = only(&drawing);
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
 }
 
@@ -153,7 +153,7 @@ fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
     top.pop();
     top.push(visible(circle([20.000_01, 14.999_995], 6.000_01)));
     let Solution { solid, measures, .. } = only(&drawing);
-    assert_eq!(solid.faces_by_kind(), [6, 1]);
+    assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
     assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8);
 }
 
@@ -170,7 +170,7 @@ fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
     front.push(hidden([10.0, 0.0], [10.0, 20.0]));
     let Solution { solid, measures, .. } = only(&three(front, top, side([5.0, 15.0])));
     // The wall on both sides of the line, and the hole cut at its seam, which lies opposite.
-    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert_eq!(solid.faces_by_kind()[..2], [7, 2]);
     assert!((measures.volume - (8000.0 - 500.0 * PI)).abs() < 1e-8);
 }
 
@@ -192,7 +192,7 @@ fn a_hole_that_touches_a_groove_from_below_is_found() {
     side.push(visible(circle([10.0, 5.0], 3.0)));
     side.push(hidden([0.0, 8.0], [20.0, 8.0]));
     let Solution { solid, measures, .. } = only(&three(front, top, side));
-    assert_eq!(solid.faces_by_kind(), [7, 2]);
+    assert_eq!(solid.faces_by_kind()[..2], [7, 2]);
     assert!((measures.volume - (4400.0 - 270.0 * PI)).abs() < 1e-7);
 }
 
@@ -245,7 +245,7 @@ fn a_sheet_of_either_convention_gives_the_same_part() {
     for projection in [Projection::FirstAngle, Projection::ThirdAngle] {
         let drawing = views_of_sheet(&step_on_a_sheet(projection), projection).unwrap();
         let Solution { solid, measures, .. } = only(&drawing);
-        assert_eq!(solid.faces_by_kind(), [9, 0]);
+        assert_eq!(solid.faces_by_kind()[..2], [9, 0]);
         assert!((measures.volume - 13_500.0).abs() < 1e-9);
         let truth = [
             (12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0,

@@ -1,0 +1,190 @@
+//! Area, flux and moments of faces on cones, spheres and tori.
+//!
+//! Over a face in its parameters, `∬ f du dv = −∮ F du` with `F = ∫ f dv` from a base that the face does not cross: a pole of the sphere or the
+//! cone's apex, where circles around the axis have no length, or a v at which the tube of a torus has no face. Where a face goes all around the tube it is
+//! `∮ G dv` with `G = ∫ f du`. Inner integrals are Gauss–Legendre of ten points on pieces of at most 30°.
+//!
+//! Not guaranteed: faces that go all around a torus in both ways, and edges through a sphere's poles.
+
+use super::measures::{GAUSS, pieces};
+use super::{Face, Solid, Surface};
+use planish_estimate::vector3::{cross, dot, norm, sub};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Values at a point of a face's boundary, in its surface's parameters.
+struct Node {
+    parameters: [f64; 2],
+    /// Times the weight of the quadrature.
+    derivatives: [f64; 2],
+}
+
+/// Where the inner integral begins, and along which parameter.
+#[derive(Clone, Copy)]
+enum Base {
+    V(f64),
+    /// As `V`, with values of v between it and 2π more.
+    CutV(f64),
+    CutU(f64),
+}
+
+impl Solid {
+    /// Over a face of a cone, sphere or torus, with the surface's own normal and the sense of the loops: 1, `p · n`, `p_k² n_k`.
+    pub(super) fn turned_integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
+        let sense = if face.outward { 1.0 } else { -1.0 };
+        let nodes = self.nodes(face);
+        let of = |base| integrated(&face.surface, &nodes, base, origin);
+        match face.surface {
+            Surface::Torus { .. } => {
+                let v = gaps(&nodes, 1).into_iter().map(Base::CutV);
+                let u = gaps(&nodes, 0).into_iter().map(Base::CutU);
+                let mut best = [0.0; 5];
+                for base in v.chain(u) {
+                    let found = of(base);
+                    // Where the face itself holds the base, the rest of the torus comes out, with the other sign.
+                    if found[0] * sense > 0.0 {
+                        return found;
+                    }
+                    best = found;
+                }
+                best
+            }
+            Surface::Sphere { center, radius, .. } => {
+                let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
+                let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
+                // A face that holds both poles came out less the whole sphere.
+                if found[0] * sense <= 0.0 {
+                    let (area, d) = (4.0 * PI * radius * radius, sub(center, origin));
+                    let whole = [area, area * radius]
+                        .into_iter()
+                        .chain(d.map(|c| 2.0 / 3.0 * c * radius * area));
+                    for (sum, whole) in found.iter_mut().zip(whole) {
+                        *sum += sense * whole;
+                    }
+                }
+                found
+            }
+            _ => of(Base::V(face.surface.range_v()[0])),
+        }
+    }
+
+    fn nodes(&self, face: &Face) -> Vec<Node> {
+        let mut nodes = Vec::new();
+        for coedge in face.loops.iter().flatten() {
+            let edge = &self.edges[coedge.edge];
+            let [from, to] = edge.range;
+            let direction = if coedge.forward { 1.0 } else { -1.0 };
+            let pieces = pieces(edge);
+            let half = (to - from) / pieces as f64 / 2.0;
+            for piece in 0..pieces {
+                let middle = from + half * (2 * piece + 1) as f64;
+                for (node, weight) in GAUSS {
+                    let t = middle + half * node;
+                    let (p, d) = (edge.curve.point(t), edge.curve.derivative(t));
+                    nodes.push(Node {
+                        parameters: face.surface.parameters(p),
+                        derivatives: derivatives(&face.surface, p, d).map(|d| direction * weight * half * d),
+                    });
+                }
+            }
+        }
+        nodes
+    }
+}
+
+/// The centre, the axis, the distance from the axis at v = 0 and what v counts in.
+fn frame(surface: &Surface) -> ([f64; 3], [f64; 3]) {
+    match surface {
+        Surface::Plane { origin, normal, .. } => (*origin, *normal),
+        Surface::Cylinder { origin, axis, .. } | Surface::Cone { origin, axis, .. } => (*origin, *axis),
+        Surface::Sphere { center, axis, .. } | Surface::Torus { center, axis, .. } => (*center, *axis),
+    }
+}
+
+/// The change of both parameters along a derivative.
+fn derivatives(surface: &Surface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
+    let (center, axis) = frame(surface);
+    let from = sub(p, center);
+    let across = super::along(from, -dot(from, axis), axis);
+    let distance = norm(across).max(f64::MIN_POSITIVE);
+    let out = across.map(|c| c / distance);
+    let du = dot(d, cross(axis, out)) / distance;
+    let v = surface.parameters(p)[1];
+    let along_v = |radius: f64| (dot(d, axis) * v.cos() - dot(d, out) * v.sin()) / radius;
+    let dv = match surface {
+        Surface::Sphere { radius, .. } => along_v(*radius),
+        Surface::Torus { minor, .. } => along_v(*minor),
+        _ => dot(d, axis),
+    };
+    [du, dv]
+}
+
+/// The area element over du dv.
+fn element(surface: &Surface, v: f64) -> f64 {
+    match surface {
+        Surface::Cone {
+            radius, half_angle_rad, ..
+        } => (radius + v * half_angle_rad.tan()) / half_angle_rad.cos(),
+        Surface::Sphere { radius, .. } => radius * radius * v.cos(),
+        Surface::Torus { major, minor, .. } => minor * (major + minor * v.cos()),
+        _ => 1.0,
+    }
+}
+
+/// The integrands at parameters, with the area element.
+fn integrands(surface: &Surface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5] {
+    let p = surface.point(at);
+    let n = surface.normal(p);
+    let q = sub(p, origin);
+    let area = element(surface, at[1]);
+    let moment = |k: usize| area * q[k] * q[k] * n[k];
+    [area, area * dot(q, n), moment(0), moment(1), moment(2)]
+}
+
+fn integrated(surface: &Surface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
+    let lifted = |value: f64, cut: f64| cut + (value - cut).rem_euclid(TAU);
+    let mut sum = [0.0; 5];
+    for node in nodes {
+        let [u, v] = node.parameters;
+        let (from, to, weight) = match base {
+            Base::V(base) => (base, v, -node.derivatives[0]),
+            Base::CutV(cut) => (cut, lifted(v, cut), -node.derivatives[0]),
+            Base::CutU(cut) => (cut, lifted(u, cut), node.derivatives[1]),
+        };
+        let pieces = match surface {
+            Surface::Cone { .. } => 1,
+            _ => ((to - from).abs() / (PI / 6.0)).ceil().max(1.0) as usize,
+        };
+        let half = (to - from) / pieces as f64 / 2.0;
+        for piece in 0..pieces {
+            let middle = from + half * (2 * piece + 1) as f64;
+            for (place, share) in GAUSS {
+                let s = middle + half * place;
+                let at = if matches!(base, Base::CutU(_)) { [s, v] } else { [u, s] };
+                let found = integrands(surface, at, origin);
+                for k in 0..5 {
+                    sum[k] += weight * half * share * found[k];
+                }
+            }
+        }
+    }
+    sum
+}
+
+/// The middles of stretches of an angle that no node lies in, the widest first.
+fn gaps(nodes: &[Node], which: usize) -> Vec<f64> {
+    /// Between neighbouring nodes of an edge there is less.
+    const LEAST: f64 = 0.06;
+    let mut values: Vec<f64> = nodes.iter().map(|n| n.parameters[which].rem_euclid(TAU)).collect();
+    values.sort_by(f64::total_cmp);
+    let Some(first) = values.first().copied() else {
+        return Vec::new();
+    };
+    values.push(first + TAU);
+    let mut found: Vec<(f64, f64)> = values
+        .windows(2)
+        .filter(|v| v[1] - v[0] > LEAST)
+        .map(|v| (v[1] - v[0], (v[0] + v[1]) / 2.0))
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|f| f.1).collect()
+}

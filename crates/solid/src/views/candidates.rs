@@ -1,0 +1,350 @@
+//! Candidate surfaces of both sorts, drawn out or turned, and the curves and points in which they meet.
+
+use super::cells::Cells;
+use super::column::SurfaceId;
+use super::profile::Profile;
+use super::surfaces::{Curve3, Drawn, Meeting, meet, meetings, triple};
+use super::traced::traced;
+use super::wall::{Wall, across};
+use crate::brep::{Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use std::f64::consts::TAU;
+
+/// Samples of a curve among which crossings are searched.
+const SAMPLES: usize = 288;
+/// A traced curve has about so many steps around its wall, or around a torus' tube.
+const STEPS_AROUND: f64 = 120.0;
+/// It has at most so many around its wall.
+const MOST_AROUND: f64 = 600.0;
+
+/// A candidate surface.
+#[derive(Clone)]
+pub(super) enum Candidate {
+    /// A profile drawn out along a line of sight.
+    Drawn(Drawn),
+    /// A profile turned about one.
+    Wall(Wall),
+}
+
+impl Candidate {
+    pub(super) fn of(cells: &Cells, id: SurfaceId) -> Self {
+        match id {
+            SurfaceId::Wall(index) => Self::Wall(cells.plan.walls[index].clone()),
+            _ => Self::Drawn(Drawn::of(cells, id)),
+        }
+    }
+
+    /// Signed distance.
+    pub(super) fn value(&self, p: [f64; 3]) -> f64 {
+        match self {
+            Self::Drawn(s) => s.value(p),
+            Self::Wall(s) => s.value(p),
+        }
+    }
+
+    /// The gradient of the signed distance.
+    pub(super) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+        match self {
+            Self::Drawn(s) => s.normal(p),
+            Self::Wall(s) => s.normal(p),
+        }
+    }
+
+    /// The surface itself; its normal is the gradient's direction.
+    pub(super) fn surface(&self) -> Surface {
+        match self {
+            Self::Drawn(s) => s.surface(),
+            Self::Wall(s) => s.surface(),
+        }
+    }
+}
+
+/// Where two candidates meet, of a drawing of a size.
+pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) -> Vec<Meeting> {
+    match (s, t) {
+        (Candidate::Drawn(a), Candidate::Drawn(b)) => meetings(a, b, tolerance),
+        (Candidate::Wall(wall), other) | (other, Candidate::Wall(wall)) => {
+            let curves = simple(wall, other, tolerance).unwrap_or_else(|| followed(wall, other, size));
+            let ends = match wall.profile {
+                // Lines of a cone end at its apex.
+                Profile::Line { normal, offset } if normal[1].abs() > 1e-9 => {
+                    vec![wall.point(0.0, [0.0, offset / normal[1]])]
+                }
+                _ => Vec::new(),
+            };
+            curves
+                .into_iter()
+                .map(|curve| Meeting {
+                    ends: if matches!(curve, Curve3::Line { .. }) {
+                        ends.clone()
+                    } else {
+                        Vec::new()
+                    },
+                    curve,
+                })
+                .collect()
+        }
+    }
+}
+
+/// Where a curve of two candidates meets a third one.
+pub(super) fn corners(three: [&Candidate; 3], curve: &Curve3, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
+    match three {
+        [Candidate::Drawn(s), Candidate::Drawn(t), Candidate::Drawn(u)] => triple([s, t, u], tolerance),
+        [_, _, third] => crossings(curve, third, bounds, tolerance),
+    }
+}
+
+/// Points of a curve that lie on a candidate, where these are finitely many.
+fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
+    let [from, to] = match curve {
+        Curve3::Line { origin, .. } => {
+            let far = [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
+            [-norm(far), norm(far)]
+        }
+        Curve3::Ellipse { .. } => [0.0, TAU],
+        Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
+        Curve3::Traced(traced) => [0.0, traced.end()],
+    };
+    // A traced curve has points of its own; of others no sample lies on a grid line, where values would be zero.
+    let count = match curve {
+        Curve3::Traced(_) => to as usize,
+        _ => SAMPLES,
+    };
+    let shift = |k: usize| match curve {
+        Curve3::Traced(_) => 0.0,
+        _ if k == 0 || k == count => 0.0,
+        _ => 0.137,
+    };
+    let at = |k: usize| from + (to - from) * (k as f64 + shift(k)) / count as f64;
+    let value = |t: f64| third.value(curve.point(t));
+    let values: Vec<f64> = (0..=count)
+        .map(|k| match curve {
+            Curve3::Traced(traced) => third.value(traced.points[k % traced.points.len()]),
+            _ => value(at(k)),
+        })
+        .collect();
+    if values.iter().all(|v| v.abs() <= 2.0 * tolerance) {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    for k in 0..count {
+        let (mut lo, mut hi) = (at(k), at(k + 1));
+        let first = values[k];
+        if (first > 0.0) != (values[k + 1] > 0.0) {
+            for _ in 0..60 {
+                let middle = (lo + hi) / 2.0;
+                match (value(middle) > 0.0) == (first > 0.0) {
+                    true => lo = middle,
+                    false => hi = middle,
+                }
+            }
+            found.push(curve.point((lo + hi) / 2.0));
+        }
+    }
+    // Touching: a least distance without a change of sign, or the end of a curve.
+    for k in 0..=count {
+        let here = values[k].abs();
+        let least = (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
+        if !least {
+            continue;
+        }
+        let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(count)));
+        for _ in 0..60 {
+            let (a, b) = (lo + (hi - lo) * 0.382, lo + (hi - lo) * 0.618);
+            match value(a).abs() < value(b).abs() {
+                true => hi = b,
+                false => lo = a,
+            }
+        }
+        let t = (lo + hi) / 2.0;
+        if value(t).abs() <= tolerance {
+            found.push(curve.point(t));
+        }
+    }
+    found
+}
+
+fn circle(wall: &Wall, [distance, height]: [f64; 2]) -> Option<Curve3> {
+    let center = wall.point(0.0, [0.0, height]);
+    (distance > 1e-9).then(|| Curve3::Ellipse {
+        center,
+        a: sub(wall.point(0.0, [distance, height]), center),
+        b: sub(wall.point(TAU / 4.0, [distance, height]), center),
+    })
+}
+
+/// Circles and lines in which a wall meets another candidate; none where it is no such curve.
+fn simple(wall: &Wall, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>> {
+    let circles = |at: Vec<[f64; 2]>| Some(at.into_iter().filter_map(|p| circle(wall, p)).collect());
+    match (other, other.surface()) {
+        (Candidate::Wall(second), _) => {
+            let coaxial = second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
+            match coaxial {
+                true => circles(meet(&wall.profile, &second.profile, tolerance)),
+                false if wall.is_sphere() && second.is_sphere() => Some(two_spheres(wall, second, tolerance)),
+                false => None,
+            }
+        }
+        (
+            _,
+            Surface::Cylinder {
+                origin, axis, radius, ..
+            },
+        ) => {
+            let ends = across(wall.axis);
+            let coaxial =
+                axis[wall.axis].abs() > 0.5 && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
+            if !coaxial {
+                return None;
+            }
+            let heights = wall.profile.crossings(0, radius, tolerance);
+            circles(heights.into_iter().map(|h| [radius, h]).collect())
+        }
+        (_, Surface::Plane { origin, normal, .. }) => {
+            if normal[wall.axis].abs() > 1.0 - 1e-12 {
+                let height = origin[wall.axis];
+                let radii = wall.profile.crossings(1, height, tolerance);
+                return circles(radii.into_iter().map(|r| [r, height]).collect());
+            }
+            if wall.is_sphere() {
+                return Some(sphere_and_plane(wall, origin, normal, tolerance));
+            }
+            let middle = wall.point(0.0, [0.0, 0.0]);
+            let holds_axis = normal[wall.axis].abs() < 1e-9 && dot(sub(middle, origin), normal).abs() < tolerance;
+            holds_axis.then(|| meridians(wall, normal))
+        }
+        _ => None,
+    }
+}
+
+fn sphere_of(wall: &Wall) -> ([f64; 3], f64) {
+    match wall.profile {
+        Profile::Circle { center, radius } => (wall.point(0.0, [0.0, center[1]]), radius),
+        Profile::Line { .. } => ([0.0; 3], 0.0),
+    }
+}
+
+fn sphere_and_plane(wall: &Wall, origin: [f64; 3], normal: [f64; 3], tolerance: f64) -> Vec<Curve3> {
+    let (center, radius) = sphere_of(wall);
+    let off = dot(sub(center, origin), normal);
+    if off.abs() >= radius - tolerance {
+        return Vec::new();
+    }
+    let distance = (radius * radius - off * off).sqrt();
+    let x = unit(cross(
+        normal,
+        if normal[0].abs() < 0.9 {
+            [1.0, 0.0, 0.0]
+        } else {
+            [0.0, 1.0, 0.0]
+        },
+    ));
+    vec![Curve3::Ellipse {
+        center: along(center, -off, normal),
+        a: scale(distance, x),
+        b: scale(distance, cross(normal, x)),
+    }]
+}
+
+fn two_spheres(first: &Wall, second: &Wall, tolerance: f64) -> Vec<Curve3> {
+    let ((a, r), (b, s)) = (sphere_of(first), sphere_of(second));
+    let apart = norm(sub(b, a));
+    if apart < tolerance {
+        return Vec::new();
+    }
+    let normal = unit(sub(b, a));
+    let off = (apart * apart + r * r - s * s) / (2.0 * apart);
+    sphere_and_plane(first, along(a, off, normal), normal, tolerance)
+}
+
+/// What a plane through the axis cuts out of a wall.
+fn meridians(wall: &Wall, normal: [f64; 3]) -> Vec<Curve3> {
+    let [a, b] = across(wall.axis);
+    let angle = normal[b].atan2(normal[a]) + TAU / 4.0;
+    [angle, angle + TAU / 2.0]
+        .into_iter()
+        .map(|angle| {
+            let at = |p: [f64; 2]| wall.point(angle, p);
+            match wall.profile {
+                Profile::Circle { center, radius } => {
+                    let middle = at(center);
+                    Curve3::Ellipse {
+                        center: middle,
+                        a: sub(at([center[0] + radius, center[1]]), middle),
+                        b: sub(at([center[0], center[1] + radius]), middle),
+                    }
+                }
+                Profile::Line { .. } => {
+                    let p = at(wall.profile.point(0.0));
+                    Curve3::Line {
+                        origin: p,
+                        direction: unit(sub(at(wall.profile.point(1.0)), p)),
+                    }
+                }
+            }
+        })
+        .collect()
+}
+
+/// Curves followed step by step.
+fn followed(wall: &Wall, other: &Candidate, size: f64) -> Vec<Curve3> {
+    let surfaces = [Candidate::Wall(wall.clone()), other.clone()];
+    let span = |k: usize| {
+        wall.extents
+            .iter()
+            .map(|e| e.bounds[k])
+            .fold([f64::MAX, f64::MIN], |m, e| [m[0].min(e[0]), m[1].max(e[1])])
+    };
+    let bounds = [span(0), span(1), span(2)];
+    let reach = (bounds[across(wall.axis)[0]][1] - bounds[across(wall.axis)[0]][0]) / 2.0;
+    let height = bounds[wall.axis];
+    let smallest = match wall.profile {
+        Profile::Circle { radius, .. } => radius.min(reach),
+        Profile::Line { .. } => reach,
+    };
+    let step = (TAU * smallest / STEPS_AROUND)
+        .max(TAU * reach / MOST_AROUND)
+        .min((height[1] - height[0]) / 8.0);
+    let margin = 3.0 * step + 1e-3 * size;
+    let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
+    // Sign changes over the wall: around it, and along its profile.
+    let mut profile: Vec<Vec<[f64; 2]>> = Vec::new();
+    const ALONG: usize = 40;
+    for k in 0..=ALONG {
+        let h = height[0] - step + (height[1] - height[0] + 2.0 * step) * (k as f64 + 0.031) / (ALONG as f64 + 0.07);
+        profile.push(
+            wall.profile
+                .crossings(1, h, 0.0)
+                .into_iter()
+                .filter(|r| *r > 0.0)
+                .map(|r| [r, h])
+                .collect(),
+        );
+    }
+    const TURNS: usize = 120;
+    let mut seeds = Vec::new();
+    let value = |k: usize, at: [f64; 2]| other.value(wall.point(TAU * (k as f64 + 0.213) / TURNS as f64, at));
+    let mut seed = |a: (usize, [f64; 2]), b: (usize, [f64; 2])| {
+        if (value(a.0, a.1) > 0.0) != (value(b.0, b.1) > 0.0) {
+            seeds.push(wall.point(
+                TAU * ((a.0 + b.0) as f64 / 2.0 + 0.213) / TURNS as f64,
+                [0, 1].map(|c| (a.1[c] + b.1[c]) / 2.0),
+            ));
+        }
+    };
+    for turn in 0..TURNS {
+        for (k, row) in profile.iter().enumerate() {
+            for (branch, at) in row.iter().enumerate() {
+                seed((turn, *at), (turn + 1, *at));
+                if let Some(next) = profile.get(k + 1).and_then(|r| r.get(branch)) {
+                    seed((turn, *at), (turn, *next));
+                }
+            }
+        }
+    }
+    traced(&surfaces, &seeds, step, inside)
+        .into_iter()
+        .map(Curve3::Traced)
+        .collect()
+}

@@ -1,0 +1,200 @@
+//! Loops on cones, spheres and tori, gathered to faces.
+//!
+//! From a loop one looks into the face, along a line of constant angle around the axis: what is seen first bounds the same face. The look goes on around
+//! the tube of a torus, and over the pole of a sphere or the apex of a cone.
+
+use crate::brep::{Coedge, Solid, Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, sub};
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+
+/// Straight pieces that stand for an edge.
+const PIECES: usize = 64;
+/// Looks from each edge.
+const LOOKS: [usize; 5] = [13, 22, 31, 42, 51];
+
+/// A loop in the surface's parameters, each piece by its ends, the second's angle next to the first's.
+struct Ring {
+    pieces: Vec<[[f64; 2]; 2]>,
+    /// The pieces at which it looks into the face.
+    looks: Vec<usize>,
+}
+
+impl Ring {
+    fn of(solid: &Solid, surface: &Surface, ring: &[Coedge]) -> Self {
+        let periods = surface.periods();
+        let (mut pieces, mut looks) = (Vec::new(), Vec::new());
+        for coedge in ring {
+            let edge = &solid.edges[coedge.edge];
+            let at = |k: usize| {
+                let share = k as f64 / PIECES as f64;
+                let share = if coedge.forward { share } else { 1.0 - share };
+                surface.parameters(
+                    edge.curve
+                        .point(edge.range[0] + (edge.range[1] - edge.range[0]) * share),
+                )
+            };
+            looks.extend(LOOKS.map(|k| pieces.len() + k));
+            for k in 0..PIECES {
+                let (a, mut b) = (at(k), at(k + 1));
+                for c in 0..2 {
+                    if let Some(period) = periods[c] {
+                        b[c] -= period * ((b[c] - a[c]) / period).round();
+                    }
+                }
+                pieces.push([a, b]);
+            }
+        }
+        Self { pieces, looks }
+    }
+
+    /// How far along v, in a direction, the loop is next seen from a point.
+    fn seen(&self, surface: &Surface, [u, v]: [f64; 2], direction: f64) -> Option<f64> {
+        let tube = surface.periods()[1];
+        let mut best: Option<f64> = None;
+        for [a, b] in &self.pieces {
+            let shift = TAU * ((u - a[0]) / TAU).round();
+            for shift in [shift - TAU, shift, shift + TAU] {
+                let (from, to) = (a[0] + shift, b[0] + shift);
+                if (from <= u) == (to <= u) {
+                    continue;
+                }
+                let at = a[1] + (b[1] - a[1]) * (u - from) / (to - from);
+                let mut far = direction * (at - v);
+                if let Some(period) = tube {
+                    far = far.rem_euclid(period);
+                    if period - far < 1e-9 {
+                        far = 0.0;
+                    }
+                }
+                if far > 1e-9 && best.is_none_or(|best| far < best) {
+                    best = Some(far);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// Gathers loops to faces; loops around the axis come first in each.
+pub(super) fn turned_faces(
+    solid: &Solid,
+    surface: &Surface,
+    outward: bool,
+    loops: Vec<Vec<Coedge>>,
+) -> Vec<Vec<Vec<Coedge>>> {
+    let rings: Vec<Ring> = loops.iter().map(|l| Ring::of(solid, surface, l)).collect();
+    let mut face_of: Vec<usize> = (0..loops.len()).collect();
+    for index in 0..rings.len() {
+        for &look in &rings[index].looks {
+            let [a, b] = rings[index].pieces[look];
+            let from = [0.4871 * b[0] + 0.5129 * a[0], 0.4871 * b[1] + 0.5129 * a[1]];
+            let Some(direction) = into_face(surface, outward, a, b) else {
+                continue;
+            };
+            let Some(other) = first_seen(&rings, surface, from, direction) else {
+                continue;
+            };
+            let (old, new) = (face_of[index], face_of[other]);
+            for face in face_of.iter_mut().filter(|f| **f == old) {
+                *face = new;
+            }
+        }
+    }
+    let mut grouped: BTreeMap<usize, Vec<(bool, Vec<Coedge>)>> = BTreeMap::new();
+    for (index, ring) in loops.into_iter().enumerate() {
+        let turn: f64 = rings[index].pieces.iter().map(|[a, b]| b[0] - a[0]).sum();
+        grouped.entry(face_of[index]).or_default().push((turn.abs() < PI, ring));
+    }
+    grouped
+        .into_values()
+        .map(|mut loops| {
+            loops.sort_by_key(|l| l.0);
+            loops.into_iter().map(|l| l.1).collect()
+        })
+        .collect()
+}
+
+/// Whether v rises or falls from a piece of a loop into the face; none where the piece runs along v.
+fn into_face(surface: &Surface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Option<f64> {
+    let (p, q) = (surface.point(a), surface.point(b));
+    let n = surface.normal(p).map(|c| if outward { c } else { -c });
+    let left = cross(n, sub(q, p));
+    let small = 1e-4;
+    let up = sub(surface.point([a[0], a[1] + small]), surface.point([a[0], a[1] - small]));
+    if norm(left) == 0.0 || norm(up) == 0.0 {
+        return None;
+    }
+    let rise = dot(unit(left), unit(up));
+    (rise.abs() > 0.1).then(|| rise.signum())
+}
+
+fn first_seen(rings: &[Ring], surface: &Surface, from: [f64; 2], direction: f64) -> Option<usize> {
+    let nearest = |from: [f64; 2], direction: f64| {
+        rings
+            .iter()
+            .enumerate()
+            .filter_map(|(k, ring)| ring.seen(surface, from, direction).map(|far| (far, k)))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|s| s.1)
+    };
+    if let Some(found) = nearest(from, direction) {
+        return Some(found);
+    }
+    let [bottom, top] = surface.range_v();
+    let end = if direction > 0.0 { top } else { bottom };
+    match end.is_finite() {
+        true => nearest([from[0] + PI, end], -direction),
+        false => None,
+    }
+}
+
+/// A sphere whose poles lie on no edge of some loops.
+pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coedge>]) -> Surface {
+    let Surface::Sphere {
+        center,
+        axis,
+        x,
+        radius,
+    } = surface
+    else {
+        return surface;
+    };
+    /// Edges stay so far from a pole, by the cosine.
+    const FREE: f64 = 0.998;
+    let y = cross(axis, x);
+    let oblique = unit(along(along(axis, 0.61, x), 0.37, y));
+    let frames = [(axis, x), (x, y), (y, axis), (oblique, unit(cross(oblique, x)))];
+    let is_free = |axis: [f64; 3]| {
+        loops.iter().flatten().all(|coedge| {
+            let edge = &solid.edges[coedge.edge];
+            (0..=PIECES).all(|k| {
+                let t = edge.range[0] + (edge.range[1] - edge.range[0]) * k as f64 / PIECES as f64;
+                dot(unit(sub(edge.curve.point(t), center)), axis).abs() < FREE
+            })
+        })
+    };
+    // Readers of STEP know best what to do with loops around the axis.
+    let around = |frame: &([f64; 3], [f64; 3])| {
+        let (axis, x) = *frame;
+        let turned = Surface::Sphere {
+            center,
+            axis,
+            x,
+            radius,
+        };
+        let turn = |ring: &Vec<Coedge>| -> f64 {
+            let pieces = Ring::of(solid, &turned, ring).pieces;
+            pieces.iter().map(|[a, b]| b[0] - a[0]).sum()
+        };
+        loops.iter().filter(|ring| turn(ring).abs() < PI).count()
+    };
+    let found = frames.into_iter().filter(|(axis, _)| is_free(*axis)).min_by_key(around);
+    let (axis, x) = found.unwrap_or(frames[0]);
+    Surface::Sphere {
+        center,
+        axis,
+        x,
+        radius,
+    }
+}

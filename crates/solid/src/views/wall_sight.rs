@@ -1,0 +1,199 @@
+//! Where walls would be seen: their outlines, and the curves along which they cross other candidates.
+//!
+//! At each such place either something is drawn, or there is no edge.
+
+use super::cells::{Cells, pieces_in};
+use super::drawing::Drawing;
+use super::profile::Profile;
+use super::sight::{LookPlace, Looks, style_near};
+use super::wall::{Side, Wall, across};
+use planish_estimate::vector3::{cross, dot, norm};
+use std::f64::consts::TAU;
+
+/// Shares of a stretch at which it is looked at.
+const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
+/// Looks around a circle.
+const AROUND: usize = 24;
+
+impl Looks {
+    /// Looks at what a view would show of walls.
+    pub(super) fn at_walls(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
+        for wall in &cells.plan.walls {
+            self.outlines(cells, drawing, view, wall);
+        }
+        let n = [0, 1, 2].map(|a| cells.plan.intervals(a));
+        for i in 0..n[0] {
+            for j in 0..n[1] {
+                for k in 0..n[2] {
+                    for &(wall, side) in cells.plan.walls_in([i, j, k]) {
+                        self.wall_crossings(cells, drawing, view, [i, j, k], (wall as usize, side));
+                    }
+                }
+            }
+        }
+    }
+
+    /// A look at a point in space, across the image of a direction through it.
+    fn at_point(&mut self, cells: &Cells, drawing: &Drawing, view: usize, p: [f64; 3], tangent: [f64; 3]) {
+        let axes = cells.plan.views[view].kind.axes();
+        let at = [p[axes[0]], p[axes[1]]];
+        let across = [-tangent[axes[1]], tangent[axes[0]]];
+        let length = across[0].hypot(across[1]);
+        if length < 1e-6 * norm(tangent) || length == 0.0 {
+            return;
+        }
+        let normal = across.map(|c| c / length);
+        let Some(style) = style_near(cells, drawing, view, at, Some(normal)) else {
+            return;
+        };
+        let place = LookPlace {
+            view,
+            at,
+            curve: style.map(|s| s.1),
+        };
+        self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
+    }
+
+    fn outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Wall) {
+        let axes = cells.plan.views[view].kind.axes();
+        if axes[2] == wall.axis {
+            // Widest and narrowest circles.
+            let Profile::Circle { center, radius } = wall.profile else {
+                return;
+            };
+            for distance in [center[0] - radius, center[0] + radius]
+                .into_iter()
+                .filter(|r| *r > 0.0)
+            {
+                for k in 0..AROUND {
+                    let angle = TAU * (k as f64 + 0.37) / AROUND as f64;
+                    let p = wall.point(angle, [distance, center[1]]);
+                    let further = wall.point(angle + TAU / 4.0, [distance, center[1]]);
+                    let middle = wall.point(0.0, [0.0, center[1]]);
+                    let tangent = [0, 1, 2].map(|a| further[a] - middle[a]);
+                    self.at_point(cells, drawing, view, p, tangent);
+                }
+            }
+            return;
+        }
+        // The profile on both sides of the axis.
+        let sideways = if axes[0] == wall.axis { axes[1] } else { axes[0] };
+        let angle = if across(wall.axis)[0] == sideways {
+            0.0
+        } else {
+            TAU / 4.0
+        };
+        let grid = &cells.plan.grid[wall.axis];
+        let mut heights: Vec<f64> = Vec::new();
+        for ends in grid.windows(2) {
+            let inside = |e: &super::wall::Extent| {
+                e.bounds[wall.axis][0] < (ends[0] + ends[1]) / 2.0 && (ends[0] + ends[1]) / 2.0 < e.bounds[wall.axis][1]
+            };
+            if wall.extents.iter().any(inside) {
+                heights.extend(SHARES.map(|s| ends[0] + s * (ends[1] - ends[0])));
+            }
+        }
+        for height in heights {
+            for distance in wall.profile.crossings(1, height, 0.0).into_iter().filter(|r| *r > 0.0) {
+                let n = wall.profile.normal([distance, height]);
+                for turn in [angle, angle + TAU / 2.0] {
+                    let p = wall.point(turn, [distance, height]);
+                    let sign = if turn == angle { 1.0 } else { -1.0 };
+                    let mut tangent = [0.0; 3];
+                    (tangent[sideways], tangent[wall.axis]) = (-n[1] * sign, n[0]);
+                    self.at_point(cells, drawing, view, p, tangent);
+                }
+            }
+        }
+    }
+
+    fn wall_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize, cell: [usize; 3], of: (usize, Side)) {
+        let plan = cells.plan;
+        let wall = &plan.walls[of.0];
+        let (lo, hi) = plan.bounds(cell);
+        let inside = |p: &[f64; 3]| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
+        let sight = plan.views[view].kind.axes()[2];
+        // With the box's faces that this view sees from the front.
+        for value in [lo[sight], hi[sight]] {
+            for (along, other) in [(0, 1), (1, 0)].map(|(i, j)| (across(sight)[i], across(sight)[j])) {
+                for share in SHARES {
+                    let mut p = [0.0; 3];
+                    p[sight] = value;
+                    p[other] = lo[other] + share * (hi[other] - lo[other]);
+                    for at in wall.crossings(of.1, along, p, 0.0) {
+                        let mut p = p;
+                        p[along] = at;
+                        if inside(&p) {
+                            let mut normal = [0.0; 3];
+                            normal[sight] = 1.0;
+                            self.at_point(cells, drawing, view, p, cross(wall.normal(p), normal));
+                        }
+                    }
+                }
+            }
+        }
+        // With what other views see edge-on.
+        for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
+            let axes = other.kind.axes();
+            for &piece in pieces_in(plan, v, cell) {
+                let found = &other.pieces[piece as usize];
+                let profile = other.profile(piece);
+                for share in SHARES {
+                    let m = profile.point(found.from + share * (found.to - found.from));
+                    let n = profile.normal(m);
+                    let (mut p, mut normal) = ([0.0; 3], [0.0; 3]);
+                    for k in 0..2 {
+                        p[axes[k]] = m[k];
+                        normal[axes[k]] = n[k];
+                    }
+                    for at in wall.crossings(of.1, axes[2], p, 0.0) {
+                        let mut p = p;
+                        p[axes[2]] = at;
+                        if inside(&p) {
+                            self.at_point(cells, drawing, view, p, cross(wall.normal(p), normal));
+                        }
+                    }
+                }
+            }
+        }
+        // With other walls.
+        for &(index, _) in plan.walls_in(cell).iter().filter(|w| (w.0 as usize) > of.0) {
+            let second = &plan.walls[index as usize];
+            for shares in [
+                [0.1, 0.3, 0.5],
+                [0.5, 0.9, 0.3],
+                [0.9, 0.5, 0.7],
+                [0.4, 0.2, 0.9],
+                [0.7, 0.7, 0.1],
+            ] {
+                let start = [0, 1, 2].map(|a| lo[a] + shares[a] * (hi[a] - lo[a]));
+                if let Some(p) = on_both(wall, second, start, plan.tolerance)
+                    && inside(&p)
+                {
+                    let tangent = cross(wall.normal(p), second.normal(p));
+                    self.at_point(cells, drawing, view, p, tangent);
+                }
+            }
+        }
+    }
+}
+
+/// The point on two walls that is near another point.
+fn on_both(a: &Wall, b: &Wall, mut p: [f64; 3], tolerance: f64) -> Option<[f64; 3]> {
+    for _ in 0..20 {
+        let (u, v) = (a.value(p), b.value(p));
+        if u.abs().max(v.abs()) < 0.01 * tolerance {
+            return Some(p);
+        }
+        let (n, m) = (a.normal(p), b.normal(p));
+        // The shortest step onto both tangent planes.
+        let c = dot(n, m);
+        let det = 1.0 - c * c;
+        if det < 1e-9 {
+            return None;
+        }
+        let (s, t) = ((u - c * v) / det, (v - c * u) / det);
+        p = [0, 1, 2].map(|k| p[k] - s * n[k] - t * m[k]);
+    }
+    None
+}
