@@ -20,6 +20,7 @@ use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
+use crate::several::several;
 use crate::source::{extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
@@ -375,7 +376,12 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
             points,
             dropped_not_finite,
         });
-        for mut scan in scans {
+        let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
+        let scans = scans.map_err(|e| match &wanted.listed {
+            Some(list) => e.in_context(list),
+            None => e,
+        })?;
+        for mut scan in scans.into_iter().flatten() {
             if let Some(world_from_file) = &wanted.pose {
                 scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
             }

@@ -12,7 +12,7 @@
 //!
 //! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose calibration states their distortion.
 
-use crate::output::{as_text, refuse_input_as_output};
+use crate::output::{as_text, refuse_input_as_output, refuse_same_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
@@ -22,7 +22,7 @@ use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;
-use planish_exchange::{Unit, check_writable, extension, real_path};
+use planish_exchange::{Unit, check_writable, extension};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
     Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball,
@@ -614,12 +614,7 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
                 )));
             }
         }
-        if job.outputs[..k].iter().any(|other| real_path(other) == real_path(path)) {
-            return Err(Error::input(format!(
-                "{}: named twice as an output: needed a name for each",
-                path.display()
-            )));
-        }
+        refuse_same_output(path, &job.outputs[..k])?;
         refuse_input_as_output(path, &inputs)?;
         check_writable(path)?;
     }
