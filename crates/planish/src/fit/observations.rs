@@ -5,7 +5,7 @@
 //! to judge it.
 
 use super::shared::SharedErrors;
-use planish_estimate::vector3::{dot, norm, scale, sub, unit, upper_triangle};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, unit, upper_triangle};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
@@ -46,6 +46,8 @@ pub enum Rejection {
     Outlier,
     /// A sensor of normals or curvatures states none there.
     NoDirection,
+    /// The direction of its first curvature is that of its normal.
+    DirectionAlongNormal,
 }
 
 impl Rejection {
@@ -65,6 +67,7 @@ impl Rejection {
             Self::BeyondBorder => "beyond_border",
             Self::Outlier => "outlier",
             Self::NoDirection => "no_direction",
+            Self::DirectionAlongNormal => "direction_along_normal",
         }
     }
 }
@@ -240,6 +243,9 @@ const GROUND_CLASSES: [u8; 2] = [2, 8];
 
 /// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are missed.
 const LEAST_JUDGED: usize = 30;
+
+/// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent plane, at a right angle.
+const LEAST_ACROSS: f64 = 1e-6;
 
 /// Points farther from the origin than so many times their size are moved there for the fit.
 const FAR_FROM_ORIGIN: f64 = 8.0;
@@ -445,13 +451,23 @@ impl Observations {
                 self.add_scan(sensor_of_scan[s], Quantity::Normal, stated, &at, noise);
             }
             if let (true, Some(curvatures)) = (wanted.curvatures, &scan.curvatures) {
+                let mut along_normal = 0;
                 let readings = known.iter().filter_map(|&(k, i, normal, side)| {
                     let direction = turn.rotate(curvatures[i].direction);
+                    // One of zero says that nothing is known.
+                    if norm(cross(direction, normal)) <= LEAST_ACROSS * norm(direction) {
+                        along_normal += usize::from(norm(direction) > 0.0);
+                        return None;
+                    }
                     let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.map(|c| side * c);
                     let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
                     Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))
                 });
                 let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
+                if along_normal > 0 {
+                    *self.rejected.entry(Rejection::DirectionAlongNormal).or_insert(0) += along_normal;
+                    self.total += along_normal;
+                }
                 let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
                 let noise = ScanNoise::Curvatures(readings);
                 self.add_scan(sensor_of_scan[s], Quantity::Curvature, stated, &at, noise);
