@@ -624,7 +624,7 @@ Bright stripes of two sets that cross, on a darker object. The calibration is TO
 from where stripes cross; that takes stripes that do not run along the line between camera and projector, or at 45° to it.
 Each crossing gives a point with covariance, a normal with sigma_n_deg, and where its neighbours are seen too the curvatures k1 k2 with sigma_k (else their direction is 0). \
 Curvatures are made of the points of neighbours: in a job, say kind = \"curvature\" to use normals and curvatures, or kind = \"normal\", or fit the points; \
-points and curvatures together would count the same light twice.";
+points and curvatures together would count the same light twice. Normals and curvatures alone hold no surface in place: fit them with points, as of `sense stereo`.";
 
 /// Arguments of `planish sense grid`.
 #[derive(Debug, Args)]

@@ -450,6 +450,18 @@ viewpoint = [0, 0, 300]
                 "sensor.laser.sigma_along",
             ),
             ("sigma_along = 0.05", "sigma_alnog = 0.05", 10, "sigma_alnog"),
+            (
+                "sigma_across = 0.02",
+                "sigma_across = 0.02\nsigma_bias = 1e200",
+                12,
+                "sensor.laser.sigma_bias between 1e-100 and 1e100",
+            ),
+            (
+                "sigma_across = 0.02",
+                "sigma_across = 0.02\nsigma_deg = 400",
+                12,
+                "sensor.laser.sigma_deg below 90",
+            ),
             ("sigma_across = 0.02\n", "", 10, "both `sigma_along` and `sigma_across`"),
             ("sigma = 0.004", "sigma_along = 0.004", 6, "touch probe"),
             ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),

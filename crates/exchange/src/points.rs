@@ -2,7 +2,7 @@
 //!
 //! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records whose
 //! coordinates are not finite (counted), and with statistics that were checked: every σ is positive and finite, every
-//! covariance positive definite. Columns with other names are passed over.
+//! covariance positive definite. Columns with other names are passed over; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
 //! Not guaranteed: that normals have unit length. One that is not finite is kept as zero: not known.
 
 use std::fmt::Display;
@@ -395,6 +395,27 @@ mod tests {
         assert!(e.to_string().contains("found no cxy cxz cyz"), "{e}");
         let e = PointColumns::find(&["x", "y"]).unwrap_err();
         assert!(e.to_string().contains("found no z"), "{e}");
+    }
+
+    #[test]
+    fn a_sigma_of_nothing_and_curvatures_without_direction_are_errors_that_name_the_columns() {
+        for (more, words) in [
+            (&["sigma_n_deg"][..], "sigma_n_deg states how well nothing is known"),
+            (&["sigma_k"], "sigma_k states how well nothing is known"),
+            (&["k1", "k2"], "found no d1x d1y d1z"),
+        ] {
+            let names: Vec<&str> = ["x", "y", "z"].iter().chain(more).copied().collect();
+            let e = PointColumns::find(&names).unwrap_err();
+            assert!(e.to_string().contains(words), "{e}");
+        }
+        // A column of that name alone may mean anything.
+        assert!(PointColumns::find(&["x", "y", "z", "k1"]).is_ok());
+        let names = ["x", "y", "z", "nx", "ny", "nz", "sigma_n_deg"];
+        let e = collect(&names, &[&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 400.0]]).unwrap_err();
+        assert!(
+            e.to_string().contains("below 90") && e.to_string().contains("line 1"),
+            "{e}"
+        );
     }
 
     #[test]

@@ -433,6 +433,23 @@ mod tests {
                        property float z\nend_header\n1 2 3\n";
 
     #[test]
+    fn a_file_of_several_scans_is_read_as_such() {
+        let folder = folder(&[("a.csv", "x,y,z,time,scan\n1,2,3,0.5,2\n4,5,6,1.5,1\n7,8,9,0.5,2\n")]);
+        let set = read_inputs(&[folder.path().join("a.csv")], None).unwrap();
+        let told: Vec<_> = (set.scans.iter())
+            .map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s))
+            .collect();
+        assert_eq!(told, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
+        assert_eq!(set.inputs[0].points, 3);
+        fs::write(folder.path().join("b.csv"), "x,y,z,scan\n1,2,3,0.5\n").unwrap();
+        let e = read_inputs(&[folder.path().join("b.csv")], None).unwrap_err();
+        assert!(
+            e.to_string().contains("line 2") && e.to_string().contains("whole number"),
+            "{e}"
+        );
+    }
+
+    #[test]
     fn lists_and_scans_mix() {
         let folder = folder(&[
             ("a.ply", PLY),
