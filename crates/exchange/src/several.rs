@@ -10,8 +10,8 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 use std::collections::BTreeMap;
 
-/// Times tell scans apart where each has so many points on average: fewer could not be laid on a surface.
-const LEAST_POINTS_OF_TIME: usize = 10;
+/// Times tell scans apart where each has so many points on average: fewer are points of one scan that took its time.
+const LEAST_POINTS_OF_TIME: usize = 100;
 
 /// The scans of a file's points.
 ///
@@ -124,9 +124,9 @@ mod tests {
     #[test]
     fn times_split_where_many_points_share_each_and_only_there() {
         let shared = |k: usize| if k % 2 == 0 { -1.5 } else { 0.5 };
-        let made = several(scan(Some((0..40).map(shared).collect()), None, 40)).unwrap();
+        let made = several(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
         let told: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
-        assert_eq!(told, [(20, Some(-1.5)), (20, Some(0.5))]);
+        assert_eq!(told, [(200, Some(-1.5)), (200, Some(0.5))]);
         let own = several(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
         assert_eq!((own.len(), own[0].points.len(), own[0].time_s), (1, 40, Some(19.5)));
     }

@@ -247,6 +247,9 @@ const LEAST_JUDGED: usize = 30;
 /// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent plane, at a right angle.
 const LEAST_ACROSS: f64 = 1e-6;
 
+/// Pairs of scans with the same readings that are named one by one.
+const COPIES_TOLD: usize = 5;
+
 /// Points farther from the origin than so many times their size are moved there for the fit.
 const FAR_FROM_ORIGIN: f64 = 8.0;
 
@@ -567,14 +570,15 @@ impl Observations {
                 .get(scan as usize)
                 .map_or("", |posed| posed.scan.name.as_str())
         };
-        (self.copies.iter())
-            .map(|&(first, second)| {
-                format!(
-                    "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
-                    name(second),
-                    name(first)
-                )
-            })
+        let told = self.copies.iter().take(COPIES_TOLD).map(|&(first, second)| {
+            format!(
+                "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
+                name(second),
+                name(first)
+            )
+        });
+        let more = self.copies.len().saturating_sub(COPIES_TOLD);
+        told.chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
             .collect()
     }
 
