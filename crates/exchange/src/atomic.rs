@@ -325,7 +325,7 @@ mod tests {
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io && e.to_string().contains("c: could not be made"),
+            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, needed the name of a folder"),
             "{e}"
         );
     }

@@ -18,7 +18,7 @@ fn scene(shape: Shape, readings: usize) -> ScanScene {
     scans(&ScanSceneOptions {
         shape,
         readings,
-        views: 2,
+        views: if shape == Shape::Ball { 6 } else { 2 },
         old_scanner: false,
         probe_points: 0,
         organised: false,
@@ -147,7 +147,12 @@ impl Progress for NoWork {
 
 #[test]
 fn a_ball_that_bends_is_refused_before_the_work() {
-    let set = scene(Shape::Ball, 4000).set;
+    // Seen from all sides at each of two times: one view alone looks like a sheet.
+    let mut set = scene(Shape::Ball, 4000).set;
+    set.scans.iter_mut().for_each(|posed| posed.scan.time_s = Some(0.0));
+    let mut later = set.scans.clone();
+    later.iter_mut().for_each(|posed| posed.scan.time_s = Some(1.0));
+    set.scans.extend(later);
     let options = FitOptions {
         motion: Some(ThingMotion::Bend),
         ..FitOptions::default()
