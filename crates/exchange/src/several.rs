@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn times_split_where_many_points_share_each_and_only_there() {
-        let shared = |k: usize| if k % 2 == 0 { -1.5 } else { 0.5 };
+        let shared = |k: usize| if k.is_multiple_of(2) { -1.5 } else { 0.5 };
         let made = several(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
         let told: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
         assert_eq!(told, [(200, Some(-1.5)), (200, Some(0.5))]);
