@@ -281,8 +281,8 @@ pub struct FitArgs {
           conflicts_with_all = ["update", "tolerance", "max_coefficients", "max_depth", "refine_by", "filter", "ground"])]
     pub known_uv: Option<[usize; 2]>,
     /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
-    pub tolerance: Option<f64>,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true, help_heading = "Surface")]
+    pub tolerance: Option<Length>,
     /// How readings are fused: `global` all at once, the most accurate; `patch` one at a time into small patches, in memory that does not grow with
     /// the readings, as the filter of a live sensor would
     #[arg(long, value_name = "FILTER", value_enum, help_heading = "Surface")]
@@ -479,7 +479,9 @@ Examples:
   planish next pebble.planish --views 3 --sensor examples/data/camera.toml -o views.toml
 
 Points are chosen one after the other, each the best once those before it are measured. What a reading will do to σ does not depend
-on what it will say, so nothing need be measured to know it. The model is one of the global filter: models of patches, and of sheets that bend,
+on what it will say, so nothing need be measured to know it. What cells are too large to follow of the shape is a part of the σ that `info`
+and `fit` state, but no reading makes it smaller, only a fit with smaller cells: it counts neither in σ here nor for --goal, and a warning says how
+large it is. The model is one of the global filter: models of patches, and of sheets that bend,
 do not keep what is needed.
 
 With --views, poses of a range sensor are chosen in the same way, each with all the readings that it would take from there: in its field of view and range, under no
@@ -517,7 +519,7 @@ pub struct NextArgs {
     /// The sensor's field of view, range and σ, for --views
     #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, requires = "views")]
     pub sensor: Option<PathBuf>,
-    /// Stop where no σ of the region is larger, as a length
+    /// Stop where no σ of the region is larger, as a length; without what cells are too large to follow
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub goal: Option<Length>,
     /// Only what lies in this box counts, in the model's unit [default: everything]
@@ -622,7 +624,7 @@ Bright stripes of two sets that cross, on a darker object. The calibration is TO
 from where stripes cross; that takes stripes that do not run along the line between camera and projector, or at 45° to it.
 Each crossing gives a point with covariance, a normal with sigma_n_deg, and where its neighbours are seen too the curvatures k1 k2 with sigma_k (else their direction is 0). \
 Curvatures are made of the points of neighbours: in a job, say kind = \"curvature\" to use normals and curvatures, or kind = \"normal\", or fit the points; \
-points and curvatures together would count the same light twice.";
+points and curvatures together would count the same light twice. Normals and curvatures alone hold no surface in place: fit them with points, as of `sense stereo`.";
 
 /// Arguments of `planish sense grid`.
 #[derive(Debug, Args)]
@@ -687,7 +689,8 @@ const DEPTH_EXAMPLES: &str = "\
 Examples:
   planish sense depth frame.png --calib camera.toml -o points.ply
 
-A depth image is .png of 16 bits, .tif or .npy; the calibration is TOML: fx fy cx cy scale, and sigma_a sigma_b for σ = a + b z².";
+A depth image is .png of 16 bits, .tif or .npy; the calibration is TOML: fx fy cx cy scale, and sigma_a sigma_b for σ = a + b z². \
+Depth is the pixel's number times `scale`, in the calibration's unit: 0.001 where an image holds millimetres and unit = \"m\".";
 
 /// Arguments of `planish sense depth`.
 #[derive(Debug, Args)]
@@ -855,7 +858,7 @@ pub struct PictureArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole, allow_negative_numbers = true, help_heading = "Cameras")]
     pub views: usize,
     /// Columns and rows of the pictures
-    #[arg(long, value_name = "NxM", default_value = "960x720", value_parser = grid, help_heading = "Cameras")]
+    #[arg(long, value_name = "NxM", default_value = "960x720", value_parser = pixels, help_heading = "Cameras")]
     pub size: [usize; 2],
     /// σ of a pixel's brightness, of 255
     #[arg(long, value_name = "GREYS", default_value_t = 1.0, value_parser = not_negative, allow_negative_numbers = true,
@@ -1187,6 +1190,11 @@ fn grid(text: &str) -> Result<[usize; 2], String> {
         [Some(u), Some(v)] => Ok([u, v]),
         _ => Err("needed cells along u and v, each from 1 to 16384, as in 61x61".to_owned()),
     }
+}
+
+/// Columns and rows of a picture.
+fn pixels(text: &str) -> Result<[usize; 2], String> {
+    grid(text).map_err(|_| "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned())
 }
 
 fn disparities(text: &str) -> Result<[i32; 2], String> {

@@ -42,7 +42,6 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         options: FitOptions {
             shape: args.shape.map(Into::into),
             known_parameters: args.known_uv,
-            tolerance: args.tolerance,
             align: args.align,
             ground: args
                 .ground
@@ -59,6 +58,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             seed: args.common.seed,
             ..FitOptions::default()
         },
+        tolerance: args.tolerance,
         mesh_tolerance: args.mesh_tolerance,
         cell_size: args.cell_size,
         states: args.states.clone(),
@@ -113,7 +113,11 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(named));
-    option("--tolerance", args.tolerance.map(|t| t.to_string()));
+    option(
+        "--tolerance",
+        args.tolerance
+            .map(|t| format!("{}{}", t.value, t.unit.map_or("", Unit::name))),
+    );
     option(
         "--max-coefficients",
         (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),

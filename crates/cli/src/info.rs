@@ -143,7 +143,11 @@ fn of_list(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
         ("box", lengths.bounds(&list.bounds)),
     ]);
     lines.gap();
-    let sigma = |value: Option<f64>| value.map_or("to be estimated".to_owned(), |s| lengths.of(s));
+    let sigma = |value: Option<f64>, of_points: bool| match value {
+        _ if of_points => "of each point".to_owned(),
+        None => "to be estimated".to_owned(),
+        Some(value) => lengths.of(value),
+    };
     let rows: Vec<Vec<String>> = list
         .sensors
         .iter()
@@ -151,8 +155,8 @@ fn of_list(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
             vec![
                 s.name.clone(),
                 s.kind.clone(),
-                sigma(s.sigma_along),
-                sigma(s.sigma_across),
+                sigma(s.sigma_along, s.sigma_of_points),
+                sigma(s.sigma_across, s.sigma_of_points),
                 count(s.scans),
             ]
         })

@@ -5,8 +5,8 @@ use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::Result;
 use planish::next::{
-    Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, next_files,
-    next_view_files,
+    Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, UnmeasurableSigma,
+    next_files, next_view_files,
 };
 use planish::progress::Progress;
 use serde::Serialize;
@@ -84,6 +84,7 @@ fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Bod
             report.next.points.len()
         ));
     }
+    warnings.extend(told_of_shape(report.next.shape_left, report.unit));
     let body = Body {
         termination: termination(report.next.reached_goal),
         warnings,
@@ -121,6 +122,7 @@ fn choose_views(
             counted(found, "view")
         ));
     }
+    warnings.extend(told_of_shape(report.next.shape_left, report.unit));
     let body = Body {
         termination: termination(report.next.reached_goal),
         warnings,
@@ -137,13 +139,25 @@ fn choose_views(
 }
 
 fn changes(lines: &mut Lines, worst: Change, mean: Change) {
-    for (name, change) in [("Largest σ", worst), ("Mean σ", mean)] {
+    for (name, change) in [("Largest σ", worst), ("Root mean square σ", mean)] {
         lines.line(format!(
             "{name}: {} before, {} after.",
             significant(change.before, 3),
             significant(change.after, 3)
         ));
     }
+}
+
+/// What no reading makes smaller, and what `info` and `fit` count as a part of σ.
+fn told_of_shape(left: Option<UnmeasurableSigma>, unit: planish::Unit) -> Option<String> {
+    let left = left?;
+    Some(format!(
+        "on {} of the area cells are too large to follow the shape, by up to {} {unit}: no reading makes that smaller, and no figure here counts it; \
+         with it the largest σ is {} {unit} in the end: `fit` with more --max-depth or --max-coefficients",
+        percent(left.area_fraction),
+        significant(left.largest, 3),
+        significant(left.worst_sigma_after, 3)
+    ))
 }
 
 fn already_reached(worst: Change, mean: Change) -> String {
@@ -244,7 +258,7 @@ fn text_of_views(report: &NextViewsJobReport) -> String {
             ("sees", Align::Right),
             ("seen so far", Align::Right),
             ("largest σ", Align::Right),
-            ("mean σ", Align::Right),
+            ("rms σ", Align::Right),
         ],
         &rows,
     );

@@ -117,8 +117,16 @@ fn picture_text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSumm
         at(scene.calibration()),
         at(&format!("{}-1.ply", scene.name()))
     ));
-    lines.line("and then:");
-    lines.line(format!("  planish fit {} -o part.planish", at("job.toml")));
+    // Stripes give normals and curvatures, which a surface of stereo needs beside its positions.
+    let (then, beside) = match scene {
+        PictureScene::Stereo => ("and then:", ""),
+        PictureScene::Grid => (
+            "and then, with the positions that `simulate scene stereo --out stereo` and `sense stereo` make of the same views:",
+            "stereo/job.toml ",
+        ),
+    };
+    lines.line(then);
+    lines.line(format!("  planish fit {beside}{} -o part.planish", at("job.toml")));
     lines.line(format!("  planish compare part.planish {}", at("truth.ply")));
     lines.into_text()
 }

@@ -168,6 +168,7 @@ fn outputs_are_checked_before_the_work() {
         "fit gone.xyz -o folder.ply",
         "fit gone.xyz -o kept.ply",
         "fit gone.xyz -o a.ply -o ./a.ply",
+        "fit gone.xyz --animate a.glb -o a.glb",
         "fit gone.ply -o gone.ply",
         "fit good.xyz --update good.planish -o good.planish",
         // Only the job says that this is an input.
@@ -221,6 +222,10 @@ fn wrong_use() {
         "simulate scene scans --out s --sigma 50",
         "simulate scene scans --out s --misstated 0",
         "simulate scene scans --out good.xyz",
+        "simulate scene grid --out s --size 0x0",
+        "fit good.xyz --filter patch --symmetry auto",
+        "fit good.xyz --filter patch --complete smooth",
+        "fit good.xyz --motion rigid",
         "simulate sphere",
         "simulate sphere -o figure.png",
         "simulate sphere -o figure.csv --sets 0",

@@ -119,6 +119,9 @@ fn a_simulated_grid_becomes_points_normals_and_curvatures() {
     assert!(said["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
     let info = run("info s/grid-1.ply").stdout;
     assert!(info.contains("sigma_n_deg") && info.contains("k1 k2"), "{info}");
+    // Points and the curvatures that are made of them would count the same light twice.
+    let job = std::fs::read_to_string(folder.path().join("s/job.toml")).expect("a job");
+    assert!(job.contains("kind = \"curvature\""), "{job}");
     // The job that the scene wrote names what was sensed, in the frame of the truth.
     let near = run("compare s/truth.ply s/job.toml --json").json();
     assert!(

@@ -168,6 +168,12 @@ fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when that is not allowed, or a file of that name is in the way.
 pub fn make_folder(path: &Path) -> Result<()> {
+    if path.exists() && !path.is_dir() {
+        return Err(Error::io(format!(
+            "{}: is a file, needed the name of a folder",
+            path.display()
+        )));
+    }
     fs::create_dir_all(path).map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
 }
 
@@ -319,7 +325,7 @@ mod tests {
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io && e.to_string().contains("c: could not be made"),
+            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, needed the name of a folder"),
             "{e}"
         );
     }

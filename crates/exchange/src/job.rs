@@ -35,6 +35,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
+use crate::points::MOST_SIGMA_NORMAL_DEG;
 use crate::source::{no_file, read_text};
 use crate::vrip::QUATERNION_WITHIN;
 
@@ -176,6 +177,14 @@ impl Text {
             Some(v) if !(*v.get_ref() > 0.0 && v.get_ref().is_finite()) => {
                 Err(self.wrong(v, format_args!("needed {key} > 0, found {}", v.get_ref())))
             }
+            // Squares of what lies outside are zero or infinite.
+            Some(v) if !(1e-100..1e100).contains(v.get_ref()) => {
+                let found = v.get_ref();
+                Err(self.wrong(
+                    v,
+                    format_args!("needed {key} between 1e-100 and 1e100, found {found:e}"),
+                ))
+            }
             value => Ok(value.map(|v| *v.get_ref())),
         }
     }
@@ -208,6 +217,20 @@ impl Text {
             ));
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
+        if let Some(deg) = table
+            .sigma_deg
+            .as_ref()
+            .filter(|deg| *deg.get_ref() >= MOST_SIGMA_NORMAL_DEG)
+        {
+            let key = key("sigma_deg");
+            let found = deg.get_ref();
+            return Err(self.wrong(
+                deg,
+                format_args!(
+                    "needed {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, found {found}"
+                ),
+            ));
+        }
         let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
         let sigma_bias = self.sigma(&key("sigma_bias"), table.sigma_bias.as_ref())?;
         let of_places = table.sigma.as_ref().or(ray_key).or(table.sigma_bias.as_ref());
@@ -427,6 +450,18 @@ viewpoint = [0, 0, 300]
                 "sensor.laser.sigma_along",
             ),
             ("sigma_along = 0.05", "sigma_alnog = 0.05", 10, "sigma_alnog"),
+            (
+                "sigma_across = 0.02",
+                "sigma_across = 0.02\nsigma_bias = 1e200",
+                12,
+                "sensor.laser.sigma_bias between 1e-100 and 1e100",
+            ),
+            (
+                "sigma_across = 0.02",
+                "sigma_across = 0.02\nsigma_deg = 400",
+                12,
+                "sensor.laser.sigma_deg below 90",
+            ),
             ("sigma_across = 0.02\n", "", 10, "both `sigma_along` and `sigma_across`"),
             ("sigma = 0.004", "sigma_along = 0.004", 6, "touch probe"),
             ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),

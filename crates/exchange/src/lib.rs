@@ -54,6 +54,7 @@ mod georeference;
 mod numbers;
 mod points;
 mod scans;
+mod several;
 mod source;
 mod unit;
 

@@ -2,7 +2,7 @@
 //!
 //! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records whose
 //! coordinates are not finite (counted), and with statistics that were checked: every σ is positive and finite, every
-//! covariance positive definite. Columns with other names are passed over.
+//! covariance positive definite. Columns with other names are passed over; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
 //! Not guaranteed: that normals have unit length. One that is not finite is kept as zero: not known.
 
 use std::fmt::Display;
@@ -13,6 +13,11 @@ use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 /// Columns four to six are normals when every length is as near to 1.
 const UNIT_LENGTH_WITHIN: f64 = 0.01;
 
+/// A normal with so large a σ, in degrees, is not known.
+pub(crate) const MOST_SIGMA_NORMAL_DEG: f64 = 90.0;
+/// The largest number of a scan.
+const MOST_SCAN_NUMBER: f64 = 1e9;
+
 /// Names of columns.
 const POSITION: [&str; 3] = ["x", "y", "z"];
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
@@ -21,6 +26,8 @@ const SIGMA: &str = "sigma";
 const SIGMA_NORMAL: &str = "sigma_n_deg";
 const CURVATURE: [&str; 5] = ["k1", "k2", "d1x", "d1y", "d1z"];
 const SIGMA_CURVATURE: &str = "sigma_k";
+const TIME: &str = "time";
+const SCAN: &str = "scan";
 
 /// Whether a column of that name always means a quantity of points; `u` and `v` may mean anything.
 pub(crate) fn is_point_column(name: &str) -> bool {
@@ -47,6 +54,8 @@ pub(crate) struct PointColumns {
     curvature: Option<[usize; 5]>,
     sigma_curvature: Option<usize>,
     parameters: Option<[usize; 2]>,
+    time: Option<usize>,
+    scan: Option<usize>,
 }
 
 /// The columns of a family: all, none, or an error that names what is missing.
@@ -77,6 +86,8 @@ impl PointColumns {
             curvature: None,
             sigma_curvature: None,
             parameters: None,
+            time: None,
+            scan: None,
         }
     }
 
@@ -112,14 +123,38 @@ impl PointColumns {
                 ));
             }
         };
+        let named = |name: &str| names.iter().position(|n| *n == name);
+        let normal = family(names, NORMAL)?;
+        let curvature = match (named(CURVATURE[0]), named(CURVATURE[1])) {
+            (Some(_), Some(_)) => family(names, CURVATURE)?,
+            // One of the two may mean anything.
+            _ => None,
+        };
+        let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
+        for (sigma, of, of_what) in [
+            (sigma_normal.map(|_| SIGMA_NORMAL), normal.is_some(), &NORMAL[..]),
+            (
+                sigma_curvature.map(|_| SIGMA_CURVATURE),
+                curvature.is_some(),
+                &CURVATURE[..],
+            ),
+        ] {
+            if let (Some(sigma), false) = (sigma, of) {
+                return Err(Error::input(format!(
+                    "the column {sigma} states how well nothing is known: needed the columns {} beside it",
+                    of_what.join(" ")
+                )));
+            }
+        }
         Ok(Self {
             position,
             uncertainty,
-            normal: family(names, NORMAL)?,
-            sigma_normal: names.iter().position(|n| *n == SIGMA_NORMAL),
-            // Curvatures without their directions are some program's, and no measurement.
-            curvature: family(names, CURVATURE).unwrap_or(None),
-            sigma_curvature: names.iter().position(|n| *n == SIGMA_CURVATURE),
+            normal,
+            sigma_normal,
+            curvature,
+            sigma_curvature,
+            time: named(TIME),
+            scan: named(SCAN),
             // Half of the pair may mean anything.
             parameters: family(names, ["u", "v"]).unwrap_or(None),
         })
@@ -142,6 +177,8 @@ impl PointColumns {
         1 + all
             .chain(&self.sigma_normal)
             .chain(&self.sigma_curvature)
+            .chain(&self.time)
+            .chain(&self.scan)
             .max()
             .copied()
             .unwrap_or(0)
@@ -174,6 +211,8 @@ impl PointCollector {
         scan.sigma_normal_deg = columns.sigma_normal.map(|_| Vec::with_capacity(reserve));
         scan.curvatures = columns.curvature.map(|_| Vec::with_capacity(reserve));
         scan.sigma_curvature = columns.sigma_curvature.map(|_| Vec::with_capacity(reserve));
+        scan.times_s = columns.time.map(|_| Vec::with_capacity(reserve));
+        scan.scan_numbers = columns.scan.map(|_| Vec::with_capacity(reserve));
         Self {
             columns,
             scan,
@@ -240,7 +279,12 @@ impl PointCollector {
             self.scan.parameters.get_or_insert_default().push(parameters);
         }
         if let Some(column) = self.columns.sigma_normal {
-            let sigma = positive("sigma_n_deg", record[column])?;
+            let sigma = positive(SIGMA_NORMAL, record[column])?;
+            if sigma >= MOST_SIGMA_NORMAL_DEG {
+                return Err(Error::input(format!(
+                    "{place}: needed {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not known, found {sigma} (point {number})"
+                )));
+            }
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);
         }
         if let Some(columns) = self.columns.curvature {
@@ -255,6 +299,24 @@ impl PointCollector {
         if let Some(column) = self.columns.sigma_curvature {
             let sigma = positive(SIGMA_CURVATURE, record[column])?;
             self.scan.sigma_curvature.get_or_insert_default().push(sigma);
+        }
+        if let Some(column) = self.columns.time {
+            let time = record[column];
+            if !time.is_finite() {
+                return Err(Error::input(format!(
+                    "{place}: needed a time in seconds, found {time} (point {number})"
+                )));
+            }
+            self.scan.times_s.get_or_insert_default().push(time);
+        }
+        if let Some(column) = self.columns.scan {
+            let found = record[column];
+            if !(0.0..=MOST_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
+                return Err(Error::input(format!(
+                    "{place}: needed the number of a scan, a whole number from 0, found {found} (point {number})"
+                )));
+            }
+            self.scan.scan_numbers.get_or_insert_default().push(found as u32);
         }
         Ok(())
     }
@@ -333,6 +395,27 @@ mod tests {
         assert!(e.to_string().contains("found no cxy cxz cyz"), "{e}");
         let e = PointColumns::find(&["x", "y"]).unwrap_err();
         assert!(e.to_string().contains("found no z"), "{e}");
+    }
+
+    #[test]
+    fn a_sigma_of_nothing_and_curvatures_without_direction_are_errors_that_name_the_columns() {
+        for (more, words) in [
+            (&["sigma_n_deg"][..], "sigma_n_deg states how well nothing is known"),
+            (&["sigma_k"], "sigma_k states how well nothing is known"),
+            (&["k1", "k2"], "found no d1x d1y d1z"),
+        ] {
+            let names: Vec<&str> = ["x", "y", "z"].iter().chain(more).copied().collect();
+            let e = PointColumns::find(&names).unwrap_err();
+            assert!(e.to_string().contains(words), "{e}");
+        }
+        // A column of that name alone may mean anything.
+        assert!(PointColumns::find(&["x", "y", "z", "k1"]).is_ok());
+        let names = ["x", "y", "z", "nx", "ny", "nz", "sigma_n_deg"];
+        let e = collect(&names, &[&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 400.0]]).unwrap_err();
+        assert!(
+            e.to_string().contains("below 90") && e.to_string().contains("line 1"),
+            "{e}"
+        );
     }
 
     #[test]

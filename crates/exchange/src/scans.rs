@@ -20,6 +20,7 @@ use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
+use crate::several::several;
 use crate::source::{extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
@@ -375,7 +376,12 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
             points,
             dropped_not_finite,
         });
-        for mut scan in scans {
+        let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
+        let scans = scans.map_err(|e| match &wanted.listed {
+            Some(list) => e.in_context(list),
+            None => e,
+        })?;
+        for mut scan in scans.into_iter().flatten() {
             if let Some(world_from_file) = &wanted.pose {
                 scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
             }
@@ -425,6 +431,23 @@ mod tests {
 
     const PLY: &str = "ply\nformat ascii 1.0\ncomment unit mm\nelement vertex 1\nproperty float x\nproperty float y\n\
                        property float z\nend_header\n1 2 3\n";
+
+    #[test]
+    fn a_file_of_several_scans_is_read_as_such() {
+        let folder = folder(&[("a.csv", "x,y,z,time,scan\n1,2,3,0.5,2\n4,5,6,1.5,1\n7,8,9,0.5,2\n")]);
+        let set = read_inputs(&[folder.path().join("a.csv")], None).unwrap();
+        let told: Vec<_> = (set.scans.iter())
+            .map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s))
+            .collect();
+        assert_eq!(told, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
+        assert_eq!(set.inputs[0].points, 3);
+        fs::write(folder.path().join("b.csv"), "x,y,z,scan\n1,2,3,0.5\n").unwrap();
+        let e = read_inputs(&[folder.path().join("b.csv")], None).unwrap_err();
+        assert!(
+            e.to_string().contains("line 2") && e.to_string().contains("whole number"),
+            "{e}"
+        );
+    }
 
     #[test]
     fn lists_and_scans_mix() {

@@ -4,7 +4,7 @@
 //! shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the identity pose.
 //!
 //! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`,
-//! `sigma_n_deg`; other names are passed over. A comment directly before the first point that names `x`, `y` and `z`
+//! `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`; other names are passed over. A comment directly before the first point that names `x`, `y` and `z`
 //! counts as a header. Without a header the first three columns are x y z; of exactly six, the last three are normals if
 //! every one of them has length 1 within 1 %. Further columns are not looked at. A first line of one whole number is the
 //! count of a PTS file and is passed over.

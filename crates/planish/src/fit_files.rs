@@ -7,14 +7,17 @@ use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::domain::check_domain;
 use crate::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
 use crate::model::{Posterior, SurfaceModel};
+use crate::next::Length;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
+    refuse_same_output,
 };
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
 use planish_mesh::BoundingBox;
+use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -40,6 +43,8 @@ pub struct FitJob {
     pub unit: Option<Unit>,
     /// Settings of the fit.
     pub options: FitOptions,
+    /// Where refinement stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in that of the scans.
+    pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ where none is given.
     pub mesh_tolerance: Option<f64>,
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
@@ -106,6 +111,9 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let animation = (job.animation.as_ref())
         .map(|path| AnimationOutput::plan(path, &named))
         .transpose()?;
+    if let Some(path) = &job.animation {
+        refuse_same_output(path, &job.outputs)?;
+    }
     progress.check("reading", 0.0)?;
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
@@ -125,6 +133,9 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let start = Instant::now();
     let options = FitOptions {
         snapshots: animation.as_ref().map(|_| FRAMES),
+        tolerance: (job.tolerance)
+            .map(|length| length.in_unit(set.unit.unwrap_or(Unit::Millimetre)))
+            .or(job.options.tolerance),
         ..job.options.clone()
     };
     let fitted = match &earlier {
@@ -135,6 +146,8 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     // The fit knows points, not files.
     let fitted = fitted.map_err(|e| match e.kind() {
         ErrorKind::Interrupted => e,
+        // It names the file already.
+        _ if job.inputs.iter().any(|path| begins_with_name(&e, path)) => e,
         _ => e.in_context(names(&job.inputs)),
     })?;
     if fitted.report.observations == 0 {
@@ -277,6 +290,12 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
     )))
 }
 
+/// Whether a message begins with the name of a file, as scans are called.
+fn begins_with_name(e: &Error, path: &std::path::Path) -> bool {
+    path.file_name()
+        .is_some_and(|name| e.to_string().starts_with(&*name.to_string_lossy()))
+}
+
 /// The first few of many paths.
 fn names(paths: &[PathBuf]) -> String {
     let first: Vec<String> = paths.iter().take(3).map(|p| p.display().to_string()).collect();
@@ -302,6 +321,16 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     if set.unit.is_none() && earlier.is_none() {
         warnings
             .push("no file names its unit of length: millimetres were taken; say --unit mm, m, in or ft".to_owned());
+    }
+    for posed in &set.scans {
+        let sensor = &set.sensors[posed.sensor];
+        let stated = posed.scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
+        if posed.scan.curvatures.is_some() && !stated && sensor.kind != SensorKind::Curvature {
+            warnings.push(format!(
+                "{}: k1 k2 are not used: nothing says how well they are known; needed the column `sigma_k`, or `sigma_k` of the sensor in a job",
+                posed.scan.name
+            ));
+        }
     }
     let before = earlier.iter().flat_map(|e| &e.provenance).flat_map(|s| &s.inputs);
     let before: Vec<(Option<&std::ffi::OsStr>, usize)> = before
@@ -366,7 +395,7 @@ fn check_settings(job: &FitJob) -> Result<()> {
         _ => None,
     };
     for (name, value) in [
-        ("tolerance", tolerance),
+        ("tolerance", job.tolerance.map(|length| length.value).or(tolerance)),
         ("mesh tolerance", job.mesh_tolerance),
         ("cell size", job.cell_size),
         ("width of what stands on the ground", widest),

@@ -100,6 +100,8 @@ pub struct SensorInfo {
     pub sigma_along: Option<f64>,
     /// σ across the ray.
     pub sigma_across: Option<f64>,
+    /// Whether every point of its scans states its own σ or covariance, which then counts.
+    pub sigma_of_points: bool,
     /// How many scans it took.
     pub scans: usize,
 }
@@ -329,6 +331,8 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
             kind: sensor.kind.name().to_owned(),
             sigma_along,
             sigma_across,
+            sigma_of_points: (set.scans.iter().filter(|s| s.sensor == index))
+                .all(|s| s.scan.sigma.is_some() || s.scan.covariance.is_some()),
             scans: set.scans.iter().filter(|s| s.sensor == index).count(),
         }
     });
@@ -414,8 +418,8 @@ fn model(path: &Path) -> Result<FileInfo> {
         .sum();
     let invented: f64 = (areas.iter().zip(&model.observed))
         .filter(|(_, o)| **o == Observed::Invented)
-        .map(|(a, _)| a)
-        .sum();
+        // The sum of nothing is −0.
+        .fold(0.0, |sum, (a, _)| sum + a);
     Ok(FileInfo {
         unit: Some(model.unit),
         files: vec![path.to_path_buf()],

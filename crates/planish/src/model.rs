@@ -248,7 +248,8 @@ impl SurfaceModel {
             .map(|leaf| self.surface.leaf_area(leaf))
             .collect();
         let of_kind = areas.iter().zip(&self.observed).filter(|(_, o)| **o == known);
-        of_kind.map(|(a, _)| a).sum::<f64>() / areas.iter().sum::<f64>()
+        // The sum of nothing is −0.
+        of_kind.fold(0.0, |sum, (a, _)| sum + a) / areas.iter().sum::<f64>()
     }
 
     /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.

@@ -7,13 +7,14 @@
 //! `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). Columns `Σa` are solved for once for every candidate and then kept up to date, so a step is
 //! a comparison of candidates over all places of the region.
 //!
-//! What cells are too large to follow of the shape is a part of the model's σ, but no reading makes it smaller: it does not count here.
+//! What cells are too large to follow of the shape is a part of the model's σ, but no reading makes it smaller: it does not count here, and the report says how
+//! large it is ([`UnmeasurableSigma`]).
 //!
 //! Not guaranteed: the best set of so many points; choosing one after the other is within 63 % of the best gain for the mean variance of independent
 //! places (Nemhauser, Wolsey and Fisher 1978), and usually far nearer.
 
 use crate::model::{Posterior, SurfaceModel};
-use crate::output::refuse_input_as_output;
+use crate::output::{refuse_input_as_output, refuse_same_output};
 use crate::progress::Progress;
 use crate::saved::load;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
@@ -130,9 +131,40 @@ pub struct NextReport {
     pub sigma: f64,
     /// Whether the goal is reached; none where there was none.
     pub reached_goal: Option<bool>,
+    /// Shape that cells are too large to follow, which counts in no figure here; none where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape_left: Option<UnmeasurableSigma>,
     /// What as many points do that are drawn at random, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
+}
+
+/// What cells are too large to follow of the shape: a part of the model's σ that no reading makes smaller, but only smaller cells.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UnmeasurableSigma {
+    /// The largest in the region, as a standard deviation along the normal.
+    pub largest: f64,
+    /// Share of the region's area where there is any.
+    pub area_fraction: f64,
+    /// The largest σ of the region with it, once all is measured: `√(variance + shape left)` of the worst place.
+    pub worst_sigma_after: f64,
+}
+
+impl UnmeasurableSigma {
+    /// Of the places that count, whose variances are those after all is measured.
+    fn of(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
+        let square = |place: &Place| model.shape_left.get(place.leaf).copied().unwrap_or(0.0);
+        let largest = places.iter().map(square).fold(0.0, f64::max);
+        let area = |of: &dyn Fn(&&Place) -> bool| places.iter().filter(of).map(|p| p.area).sum::<f64>();
+        (largest > 0.0).then(|| Self {
+            largest: largest.sqrt(),
+            area_fraction: area(&|place| square(place) > 0.0) / area(&|_| true),
+            worst_sigma_after: (places.iter().zip(variances))
+                .map(|(place, variance)| variance + square(place))
+                .fold(0.0, f64::max)
+                .sqrt(),
+        })
+    }
 }
 
 /// A place of the region: the middle of a leaf.
@@ -253,6 +285,7 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
         },
         sigma,
         reached_goal: reached(&variances),
+        shape_left: UnmeasurableSigma::of(model, &places, &variances),
         random,
     })
 }
@@ -376,13 +409,14 @@ pub struct NextJobReport {
 /// # Errors
 /// What the reader, [`next_points`] and the writers report; `Unsupported` for outputs of other kinds, before any work.
 pub fn next_files(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
-    for path in &job.outputs {
+    for (k, path) in job.outputs.iter().enumerate() {
         if !matches!(extension(path).as_str(), "csv" | "ply") {
             return Err(Error::unsupported(format!(
                 "{}: the extension says what to write: needed .csv or .ply (points with normals and σ)",
                 path.display()
             )));
         }
+        refuse_same_output(path, &job.outputs[..k])?;
         refuse_input_as_output(path, std::slice::from_ref(&job.model))?;
         check_writable(path)?;
     }

@@ -153,12 +153,7 @@ pub fn plan_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<Vec<Planned
     let mut planned = Vec::with_capacity(paths.len());
     for (k, path) in paths.iter().enumerate() {
         let format = OutputFormat::of(path)?;
-        if paths[..k].iter().any(|other| real_path(other) == real_path(path)) {
-            return Err(Error::input(format!(
-                "{}: named twice as an output: needed a name for each",
-                path.display()
-            )));
-        }
+        refuse_same_output(path, &paths[..k])?;
         refuse_input_as_output(path, inputs)?;
         check_writable(path)?;
         planned.push(PlannedOutput {
@@ -167,6 +162,20 @@ pub fn plan_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<Vec<Planned
         });
     }
     Ok(planned)
+}
+
+/// Refuses to write two outputs to one file.
+///
+/// # Errors
+/// `Input` where the path is one of the others, by whatever name.
+pub fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
+    if others.iter().any(|other| real_path(other) == real_path(path)) {
+        return Err(Error::input(format!(
+            "{}: named twice as an output: needed a name for each",
+            path.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Refuses to write over a file that is read.

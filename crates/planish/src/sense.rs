@@ -12,7 +12,7 @@
 //!
 //! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose calibration states their distortion.
 
-use crate::output::{as_text, refuse_input_as_output};
+use crate::output::{as_text, refuse_input_as_output, refuse_same_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
@@ -22,7 +22,7 @@ use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;
-use planish_exchange::{Unit, check_writable, extension, real_path};
+use planish_exchange::{Unit, check_writable, extension};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
     Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball,
@@ -34,6 +34,13 @@ use std::path::{Path, PathBuf};
 
 /// A direction with a larger σ, in degrees, is not known.
 const MOST_SIGMA_DEG: f64 = 90.0;
+
+/// Residuals of brightness that are so many times the stated σ are told.
+const MOST_BRIGHTNESS_MISFIT: f64 = 3.0;
+/// And those that are so large a share of the brightest: matte things under far lights stay below a few per cent.
+const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
+/// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of exchanged ones some per cent.
+const LEAST_MATCHED: f64 = 0.1;
 
 /// What is to be sensed, from which files.
 #[derive(Debug, Clone)]
@@ -225,6 +232,8 @@ struct Sensed {
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
+    /// What a user should know.
+    warnings: Vec<String>,
 }
 
 /// Reads, senses and writes.
@@ -277,7 +286,7 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = sensed.unit.or(job.unit);
-    let mut warnings = Vec::new();
+    let mut warnings = std::mem::take(&mut sensed.warnings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
         warnings
             .push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
@@ -387,7 +396,15 @@ fn stereo(
         ("range", range),
         ("outside", outside),
     ];
+    let mut warnings = Vec::new();
+    if (known.len() as f64) < LEAST_MATCHED * map.disparity.len() as f64 {
+        warnings.push(format!(
+            "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture the first, are the pictures rectified, and is --disparities wide enough?",
+            100.0 * known.len() as f64 / map.disparity.len() as f64
+        ));
+    }
     Ok(Sensed {
+        warnings,
         pixels: map.disparity.len(),
         observations: known.len(),
         rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
@@ -495,7 +512,30 @@ fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, prog
     sensed.sigma_brightness = Some(map.sigma_brightness);
     sensed.unit = known.unit;
     sensed.more_inputs = more_inputs;
+    sensed.warnings = unlike_brightness(&map, known.sigma_brightness);
     Ok(sensed)
+}
+
+/// Residuals that the stated σ of brightness, or any matte surface, does not explain.
+fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<String> {
+    let Some(found) = map.sigma_of_residuals else {
+        return Vec::new();
+    };
+    let mut warnings = Vec::new();
+    if let Some(stated) = stated.filter(|stated| found > MOST_BRIGHTNESS_MISFIT * stated) {
+        warnings.push(format!(
+            "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} times the stated sigma_brightness: σ of the normals is too \
+             small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
+            found / stated
+        ));
+    }
+    if found > MOST_BRIGHTNESS_SHARE * map.brightest {
+        warnings.push(format!(
+            "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the brightest: are the pictures in the order of the lights, and of one view?",
+            100.0 * found / map.brightest
+        ));
+    }
+    warnings
 }
 
 fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
@@ -548,7 +588,15 @@ fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
             image.display()
         )));
     }
+    let mut warnings = Vec::new();
+    if extension(image) == "png" && read_picture(image)?.white <= 255.0 {
+        warnings.push(format!(
+            "{}: has 8 bits, 256 depths at most: is it a depth image, or a picture of one for people?",
+            image.display()
+        ));
+    }
     Ok(Sensed {
+        warnings,
         pixels: scan.points.len() + scan.dropped_not_finite,
         observations: scan.points.len(),
         rejected: [("no_reading", scan.dropped_not_finite)]
@@ -614,12 +662,7 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
                 )));
             }
         }
-        if job.outputs[..k].iter().any(|other| real_path(other) == real_path(path)) {
-            return Err(Error::input(format!(
-                "{}: named twice as an output: needed a name for each",
-                path.display()
-            )));
-        }
+        refuse_same_output(path, &job.outputs[..k])?;
         refuse_input_as_output(path, &inputs)?;
         check_writable(path)?;
     }

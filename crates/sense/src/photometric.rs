@@ -75,6 +75,10 @@ pub struct NormalMap {
     pub ambient: f64,
     /// σ of the brightness.
     pub sigma_brightness: f64,
+    /// σ of the brightness as the residuals of the typical pixel say, whatever was stated; none where three lights leave no residuals.
+    pub sigma_of_residuals: Option<f64>,
+    /// The brightest reading of all images.
+    pub brightest: f64,
     /// Pixels that were looked at but have no normal: too few lights reach them, or it would face away.
     pub undetermined: usize,
 }
@@ -84,7 +88,7 @@ pub struct NormalMap {
 /// `mask` is above its half where the object is; without one every pixel that is not dark counts.
 ///
 /// # Errors
-/// `Input` for fewer than three images, images of different sizes, or a light too few; `Undetermined` for lights that lie in one plane, three lights without a σ of the brightness,
+/// `Input` for fewer than three images, images of different sizes, two that are the same, or a light too few; `Undetermined` for lights that lie in one plane, three lights without a σ of the brightness,
 /// and where no pixel has a normal.
 pub fn photometric_normals(
     images: &[Image],
@@ -108,13 +112,13 @@ pub fn photometric_normals(
         None if lights.len() < 5 => 0.0,
         None => find_ambient(&pilot, lights),
     };
-    let sigma = match options.sigma_brightness {
-        Some(sigma) => sigma,
-        // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
-        None => (0..2).fold(0.0, |sigma, _| {
+    // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
+    let sigma_of_residuals = (lights.len() > 3).then(|| {
+        (0..2).fold(0.0, |sigma, _| {
             typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()
-        }),
-    };
+        })
+    });
+    let sigma = options.sigma_brightness.or(sigma_of_residuals).unwrap_or(0.0);
     // Half a step of eight bits is the least that a perfect fit may claim.
     let sigma = if sigma > 0.0 {
         sigma
@@ -146,6 +150,8 @@ pub fn photometric_normals(
         sigma_deg: found.iter().map(|f| f.map_or(f64::NAN, |(_, sigma)| sigma)).collect(),
         ambient,
         sigma_brightness: sigma,
+        sigma_of_residuals,
+        brightest: brightest.into(),
         undetermined,
     })
 }
@@ -380,6 +386,8 @@ pub fn normals_from_colours(
         normals,
         ambient: 0.0,
         sigma_brightness: 0.0,
+        sigma_of_residuals: None,
+        brightest: white.into(),
     })
 }
 
@@ -442,6 +450,14 @@ fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &
         return Err(Error::input(format!(
             "needed images of one size, found {} × {} and {} × {} pixels",
             first.0, first.1, other.columns, other.rows
+        )));
+    }
+    let repeated = (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
+    if let Some((first, second)) = repeated {
+        return Err(Error::input(format!(
+            "images {} and {} are the same, pixel by pixel: under two lights no thing looks the same; needed a picture for each light",
+            first + 1,
+            second + 1
         )));
     }
     if lights.len() == 3 && options.sigma_brightness.is_none() {

@@ -77,7 +77,11 @@ pub struct Scan {
     pub viewing: Viewing,
     /// Carries the scanner's frame into the world.
     pub world_from_scanner: Pose,
-    /// When it was taken, in seconds, where a job says so.
+    /// When each point was taken, in seconds, where a file says so.
+    pub times_s: Option<Vec<f64>>,
+    /// Which of the scans of its file each point is of, where a file holds several.
+    pub scan_numbers: Option<Vec<u32>>,
+    /// When it was taken, in seconds, where a job or the file says so.
     pub time_s: Option<f64>,
     /// How many records of the file were dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,

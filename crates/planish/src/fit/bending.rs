@@ -27,7 +27,7 @@
 mod state;
 
 use super::observations::{ObservationOptions, Quantity};
-use super::stages::leaf_areas;
+use super::stages::{base_shape, leaf_areas};
 use super::{Filter, Fit, FitOptions, finish, fit, observation_options, observe, some_scans};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::progress::{Part, Progress};
@@ -57,23 +57,19 @@ const MOST_BEYOND: f64 = 0.005;
 pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let states = states_in_time(set)?;
     refuse(options)?;
+    let first_scans = some_scans(set, &states[0].scans);
+    if options.shape.is_none() {
+        // Before the work of a fit.
+        let mut readings = observe(&first_scans, &observation_options(set, options))?;
+        readings.recentre();
+        refuse_other_than_sheet(set, &states[0], base_shape(&readings, None)?.shape)?;
+    }
     let still = FitOptions {
         motion: None,
         ..options.clone()
     };
-    let first = fit(
-        &some_scans(set, &states[0].scans),
-        &still,
-        &Part::new(progress, 0.0, 0.3),
-    )?;
-    let shape = first.model.surface.space().shape();
-    if shape != Shape::Sheet {
-        return Err(Error::input(format!(
-            "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is a sheet, say --shape sheet",
-            set.scans[states[0].scans[0]].scan.name,
-            shape.name()
-        )));
-    }
+    let first = fit(&first_scans, &still, &Part::new(progress, 0.0, 0.3))?;
+    refuse_other_than_sheet(set, &states[0], first.model.surface.space().shape())?;
     let mut reference = first.model.surface.clone();
     for divisions in 0.. {
         let from = 0.3 + 0.2 * divisions as f64;
@@ -88,6 +84,18 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         reference = reference.refined(Arc::new(finer))?;
     }
     unreachable!("the loop ends by returning")
+}
+
+/// Refuses a first state of any shape but that of a sheet.
+fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result<()> {
+    if shape == Shape::Sheet {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is a sheet, say --shape sheet",
+        set.scans[first.scans[0]].scan.name,
+        shape.name()
+    )))
 }
 
 /// What does not go together with bending.

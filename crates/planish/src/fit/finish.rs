@@ -7,7 +7,7 @@ use super::engine::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_s
 use super::large::Absorbed;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
 use super::observations::{Observations, Quantity, Rejection};
-use super::patch::Fused;
+use super::patch::{self, Fused};
 use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
@@ -281,6 +281,10 @@ pub(super) fn finish(
     if fused.is_some() && has_uncertain_pose(set) {
         warnings.push("the patch filter takes poses as exact: their σ was not used".to_owned());
     }
+    if fused.is_some() {
+        warnings.extend(patch::unused_biases(set));
+    }
+    warnings.extend(observations.copies_told(set));
     let mut poses = pose_reports(set);
     if let Some(bordered) = covariance.shared() {
         for estimate in observations.shared.estimates(bordered, &stated)? {

@@ -133,6 +133,8 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
     }
     Scan {
         time_s: scan.time_s,
+        times_s: None,
+        scan_numbers: None,
         name: scan.name.clone(),
         points: pick(&scan.points, part, number),
         sigma: column(scan.sigma.as_ref(), part, number),

@@ -265,6 +265,9 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
             "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
         ));
     }
+    if options.filter == Some(Filter::Patch) {
+        patch::refuse_concluded(options)?;
+    }
     if options.motion == Some(ThingMotion::Rigid) && options.filter == Some(Filter::Patch) {
         return Err(Error::unsupported(
             "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of it: needed --filter global",

@@ -5,8 +5,9 @@
 //! to judge it.
 
 use super::shared::SharedErrors;
-use planish_estimate::vector3::{dot, norm, scale, sub, unit, upper_triangle};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, unit, upper_triangle};
 use planish_estimate::{Error, Result};
+use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{
     Ground, GroundOptions, Noise, Pose, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing, classify_ground,
@@ -14,7 +15,8 @@ use planish_sense::{
 };
 use planish_spline::{curvature_tensor, principal_axes};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{BuildHasherDefault, Hasher};
 
 /// Why a reading takes no part in the fit.
@@ -22,7 +24,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 pub enum Rejection {
     /// A coordinate was not finite.
     NotFinite,
-    /// The same coordinates as an earlier point of its scan, to the last digit: one reading written twice.
+    /// The same coordinates as an earlier point of its sensor, to the last digit: one reading written twice.
     Duplicate,
     /// Of a class that the file calls noise, or not ground where the ground is fitted.
     Class,
@@ -44,6 +46,8 @@ pub enum Rejection {
     Outlier,
     /// A sensor of normals or curvatures states none there.
     NoDirection,
+    /// The direction of its first curvature is that of its normal.
+    DirectionAlongNormal,
 }
 
 impl Rejection {
@@ -63,6 +67,7 @@ impl Rejection {
             Self::BeyondBorder => "beyond_border",
             Self::Outlier => "outlier",
             Self::NoDirection => "no_direction",
+            Self::DirectionAlongNormal => "direction_along_normal",
         }
     }
 }
@@ -208,6 +213,8 @@ pub struct Observations {
     pub(super) shared: SharedErrors,
     /// The point of its scan that each one is, until directions are added.
     source: Vec<u32>,
+    /// Pairs of scans of which the second repeats readings of the first.
+    copies: BTreeSet<(u32, u32)>,
     /// Number of readings before anything was left out.
     pub total: usize,
 }
@@ -236,6 +243,12 @@ const GROUND_CLASSES: [u8; 2] = [2, 8];
 
 /// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are missed.
 const LEAST_JUDGED: usize = 30;
+
+/// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent plane, at a right angle.
+const LEAST_ACROSS: f64 = 1e-6;
+
+/// Pairs of scans with the same readings that are named one by one.
+const COPIES_TOLD: usize = 5;
 
 /// Points farther from the origin than so many times their size are moved there for the fit.
 const FAR_FROM_ORIGIN: f64 = 8.0;
@@ -296,12 +309,13 @@ impl Observations {
         let mut source: Vec<u32> = Vec::new();
         let wanted = |s: usize| Directions::of(scans[s], &sensors[sensor_of_scan[s]]).any();
         let keep_source = (0..scans.len()).any(wanted);
+        let mut seen: Vec<SeenPoints> = vec![SeenPoints::default(); sensors.len()];
         for (s, (scan, geometry)) in scans.iter().zip(&geometries).enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
             let mut kept = 0_u32;
             let (mut sigmas, mut covariances) = (Vec::new(), Vec::new());
-            // Noise of independent readings does not repeat to the last digit; a grid has one reading a cell.
-            let mut seen: HashSet<[u64; 3], BuildHasherDefault<BitsHasher>> = HashSet::default();
+            let seen = &mut seen[sensor_of_scan[s]];
+            let copied_grid = copied_grid(scans, sensor_of_scan, s);
             let ground = options.sheet && has_ground(scan);
             for i in 0..scan.points.len() {
                 if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
@@ -310,7 +324,15 @@ impl Observations {
                     *made.rejected.entry(Rejection::Class).or_insert(0) += 1;
                     continue;
                 }
-                if scan.grid.is_none() && !seen.insert(scan.points[i].map(f64::to_bits)) {
+                let world = scan.world_from_scanner.apply(scan.points[i]);
+                let repeated = match (&scan.grid, copied_grid) {
+                    (Some(_), copied) => copied,
+                    (None, _) => seen.scan_with(scans, sensor, (s, i), world),
+                };
+                if let Some(earlier) = repeated {
+                    if earlier != s {
+                        made.copies.insert((earlier as u32, s as u32));
+                    }
                     *made.rejected.entry(Rejection::Duplicate).or_insert(0) += 1;
                     continue;
                 }
@@ -328,7 +350,7 @@ impl Observations {
                 let stated = || scan.normals.as_ref().filter(|_| options.as_they_are).map(|all| all[i]);
                 let normal = geometry.as_ref().map(|g| g.normals[i]).or_else(stated);
                 let normal = normal.unwrap_or([0.0; 3]);
-                made.points.push(scan.world_from_scanner.apply(scan.points[i]));
+                made.points.push(world);
                 made.normals
                     .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
                 made.scan.push(s as u32);
@@ -433,13 +455,23 @@ impl Observations {
                 self.add_scan(sensor_of_scan[s], Quantity::Normal, stated, &at, noise);
             }
             if let (true, Some(curvatures)) = (wanted.curvatures, &scan.curvatures) {
+                let mut along_normal = 0;
                 let readings = known.iter().filter_map(|&(k, i, normal, side)| {
                     let direction = turn.rotate(curvatures[i].direction);
+                    // One of zero says that nothing is known.
+                    if norm(cross(direction, normal)) <= LEAST_ACROSS * norm(direction) {
+                        along_normal += usize::from(norm(direction) > 0.0);
+                        return None;
+                    }
                     let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.map(|c| side * c);
                     let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
                     Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))
                 });
                 let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
+                if along_normal > 0 {
+                    *self.rejected.entry(Rejection::DirectionAlongNormal).or_insert(0) += along_normal;
+                    self.total += along_normal;
+                }
                 let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
                 let noise = ScanNoise::Curvatures(readings);
                 self.add_scan(sensor_of_scan[s], Quantity::Curvature, stated, &at, noise);
@@ -530,6 +562,25 @@ impl Observations {
             ScanNoise::Invented(all) => Some(all[self.index[i] as usize]),
             _ => None,
         }
+    }
+
+    /// Which scans repeat each other, for people.
+    pub(super) fn copies_told(&self, set: &ScanSet) -> Vec<String> {
+        let name = |scan: u32| {
+            set.scans
+                .get(scan as usize)
+                .map_or("", |posed| posed.scan.name.as_str())
+        };
+        let told = self.copies.iter().take(COPIES_TOLD).map(|&(first, second)| {
+            format!(
+                "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
+                name(second),
+                name(first)
+            )
+        });
+        let more = self.copies.len().saturating_sub(COPIES_TOLD);
+        told.chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
+            .collect()
     }
 
     /// The scan of the set that a scan here is of.
@@ -874,6 +925,53 @@ impl Directions {
         }
         Ok(())
     }
+}
+
+/// Where a sensor has read already, point by point, over all of its scans: noise of independent readings does not repeat to the last digit.
+#[derive(Debug, Clone, Default)]
+struct SeenPoints(HashMap<[u64; 3], (u32, u32), BuildHasherDefault<BitsHasher>>);
+
+impl SeenPoints {
+    /// The earlier scan, or this one, that holds the same reading; none where it is new, and it is kept in mind then.
+    ///
+    /// Where a sensor measures no positions they are pixels, which its scans share: a reading is the same then where its normal is, too.
+    fn scan_with(
+        &mut self,
+        scans: &[&Scan],
+        sensor: &Sensor,
+        (s, i): (usize, usize),
+        world: [f64; 3],
+    ) -> Option<usize> {
+        match self.0.entry(world.map(f64::to_bits)) {
+            Entry::Vacant(new) => {
+                new.insert((s as u32, i as u32));
+                None
+            }
+            Entry::Occupied(known) => {
+                let (earlier, k) = *known.get();
+                let normal = |scan: usize, point: usize| scans[scan].normals.as_ref().map(|all| all[point]);
+                let same = earlier as usize == s
+                    || sensor.kind.measures_positions()
+                    || normal(earlier as usize, k as usize) == normal(s, i);
+                same.then_some(earlier as usize)
+            }
+        }
+    }
+}
+
+/// The earlier scan of the same sensor and pose that a scan with a grid repeats as a whole. Single cells may agree: depths of images are whole numbers.
+fn copied_grid(scans: &[&Scan], sensor_of_scan: &[usize], s: usize) -> Option<usize> {
+    let scan = scans[s];
+    scan.grid.as_ref()?;
+    (0..s).find(|&k| {
+        let other = scans[k];
+        sensor_of_scan[k] == sensor_of_scan[s]
+            && !scan.points.is_empty()
+            && other.grid == scan.grid
+            && other.world_from_scanner == scan.world_from_scanner
+            && other.points == scan.points
+            && other.normals == scan.normals
+    })
 }
 
 /// Whether a scan's classes tell the ground from the rest.

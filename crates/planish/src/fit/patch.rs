@@ -136,6 +136,7 @@ pub(crate) fn first_fit_of(
         &of_depth(depth),
         &Part::new(progress, 0.3, 0.8),
     )?;
+    let reached_tolerance = settled.reached_tolerance;
     let space = patch_hierarchy(settled.surface.space())?;
     if space.levels() > 1 {
         log_cover(&mut log, base_level, settled.surface.space(), &space, options);
@@ -147,6 +148,8 @@ pub(crate) fn first_fit_of(
             &of_depth(0),
             &Part::new(progress, 0.8, 1.0),
         )?;
+        // Over cells that are fixed every tolerance is reached.
+        settled.reached_tolerance = reached_tolerance;
     }
     let Settled {
         surface, system, feet, ..
@@ -258,6 +261,33 @@ pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
         ));
     }
     Ok(())
+}
+
+/// What the sensors of the scans state and the filter does not use, for the same reason.
+pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
+    (set.sensors.iter().enumerate())
+        .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
+        .map(|(_, sensor)| {
+            format!(
+                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was not used, and σ of the surface is too small by it",
+                sensor.name
+            )
+        })
+        .collect()
+}
+
+/// Readings that were concluded from others err together: a filter that takes one after the other as independent would average that away.
+pub(super) fn refuse_concluded(options: &FitOptions) -> Result<()> {
+    let asked = [
+        (options.symmetry.is_some(), "--symmetry"),
+        (options.complete_smooth, "--complete"),
+    ];
+    match asked.iter().find(|(asked, _)| *asked) {
+        Some((_, name)) => Err(Error::unsupported(format!(
+            "{name} concludes readings from others, which err together, and the patch filter takes every reading as independent: needed --filter global"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// A surface is known whose variance is this share of a reading's.
@@ -477,7 +507,7 @@ pub(super) fn stream(
         feet,
         at,
         reached_limit: full && held_back > 0,
-        reached_tolerance: false,
+        reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
         fused: Some(Fused {
             filter: Arc::new(core.filter),

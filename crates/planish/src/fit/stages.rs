@@ -131,11 +131,8 @@ pub(super) fn first_surface(
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let size = observations.len();
-    let some: Vec<u32> = (0..size as u32)
-        .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
-        .collect();
-    let points: Vec<[f64; 3]> = some.iter().map(|&i| observations.points[i as usize]).collect();
-    let normals: Vec<[f64; 3]> = some.iter().map(|&i| observations.normal(i as usize)).collect();
+    let some = enough_for_shape(observations);
+    let (points, normals) = places_of(observations, &some);
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // A small cloud cannot pay for many cells, whatever their prior.
     let grid = base_grid(
@@ -166,6 +163,30 @@ pub(super) fn first_surface(
     } else {
         drape(&base, grid, &points)
     }
+}
+
+/// The shape that a first surface is made from, without the surface.
+///
+/// # Errors
+/// `Undetermined` where the readings determine none.
+pub(super) fn base_shape(observations: &Observations, shape: Option<Shape>) -> Result<BaseShape> {
+    let (points, normals) = places_of(observations, &enough_for_shape(observations));
+    choose_base_shape(&points, &normals, shape)
+}
+
+/// Readings that are enough to tell the shape.
+fn enough_for_shape(observations: &Observations) -> Vec<u32> {
+    let size = observations.len();
+    (0..size as u32)
+        .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
+        .collect()
+}
+
+/// Positions and normals of some readings.
+fn places_of(observations: &Observations, some: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    some.iter()
+        .map(|&i| (observations.points[i as usize], observations.normal(i as usize)))
+        .unzip()
 }
 
 /// A base grid of about so many cells, fewer where its nodes would be more than allowed; its sides are multiples of `multiple`.

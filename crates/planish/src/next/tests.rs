@@ -103,6 +103,28 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
     );
 }
 
+/// A model whose cells leave shape out has a larger σ than any reading can reach: the report must say so, or `info` and `next` contradict each other.
+#[test]
+fn shape_that_no_reading_lowers_is_told() {
+    let mut model = model();
+    model.shape_left = vec![0.0; model.observed.len()];
+    let options = NextOptions {
+        count: 2,
+        sigma: Some(0.004),
+        ..NextOptions::default()
+    };
+    assert_eq!(next_points(&model, &options, &Silent).unwrap().shape_left, None);
+    model.shape_left[3] = 0.25;
+    let report = next_points(&model, &options, &Silent).unwrap();
+    let left = report.shape_left.unwrap();
+    assert_eq!(left.largest, 0.5);
+    assert!(left.area_fraction > 0.0 && left.area_fraction < 0.1, "{left:?}");
+    assert!(
+        report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5,
+        "{report:?}"
+    );
+}
+
 /// What so many readings leave where they are put at random.
 fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
     let system = SurfaceSystem::new(model.surface.space()).unwrap();

@@ -11,7 +11,8 @@
 
 use super::sight::Sight;
 use super::{
-    Change, NextOptions, Objective, Place, Prepared, check_lengths, chosen, columns, cost, figures, variances_of,
+    Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, chosen, columns, cost, figures,
+    variances_of,
 };
 use crate::model::SurfaceModel;
 use crate::progress::{Progress, Silent};
@@ -78,6 +79,9 @@ pub struct ViewsReport {
     pub sigma_along: Option<f64>,
     /// Whether the goal is reached; none where there was none.
     pub reached_goal: Option<bool>,
+    /// Shape that cells are too large to follow, which counts in no figure here; none where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape_left: Option<UnmeasurableSigma>,
 }
 
 /// Chooses poses one after the other. Of the options, `sigma` and `against_random` do not count.
@@ -179,6 +183,7 @@ pub fn next_views(
         }),
         sigma_along: (readings > 0.0).then(|| noise / readings),
         reached_goal: reached(&variances),
+        shape_left: UnmeasurableSigma::of(model, &places, &variances),
     })
 }
 

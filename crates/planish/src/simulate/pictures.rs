@@ -468,7 +468,8 @@ impl Stage {
         let name = scene.name();
         let kind = match scene {
             PictureScene::Stereo => "stereo",
-            PictureScene::Grid => "range",
+            // Its curvatures are made of its points: both together would count the same light twice.
+            PictureScene::Grid => "curvature",
         };
         let mut text = format!(
             "# Simulated views; the files are those that `planish sense {name}` writes.\nunit = \"{}\"\n\n[sensor.{name}]\nkind = \"{kind}\"\n",

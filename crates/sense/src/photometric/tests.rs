@@ -44,6 +44,34 @@ fn ball(lights: &[[f64; 3]], sigma: f64, ambient: f64, gloss: f64, seed: u64) ->
     lights.iter().map(&mut image).collect()
 }
 
+#[test]
+fn pictures_that_contradict_their_lights_are_told() {
+    let directions = lights(6);
+    let mut pictures = ball(&directions, 1.0, 0.0, 0.0, 3);
+    let found = |pictures: &[Image]| {
+        let stated = PhotometricOptions {
+            sigma_brightness: Some(1.0),
+            ..PhotometricOptions::default()
+        };
+        photometric_normals(pictures, &directions, None, &stated)
+    };
+    let true_order = found(&pictures).unwrap();
+    let residual = true_order.sigma_of_residuals.unwrap();
+    assert!((0.7..1.4).contains(&residual), "{residual} of 1");
+    // In another order the residuals say so, whatever σ is stated.
+    pictures.rotate_left(2);
+    let wrong_order = found(&pictures).unwrap();
+    let residual = wrong_order.sigma_of_residuals.unwrap();
+    assert!(
+        residual > 0.05 * wrong_order.brightest,
+        "{residual} of {}",
+        wrong_order.brightest
+    );
+    // One picture for all lights: no residual shows that.
+    let e = found(&vec![pictures[0].clone(); 6]).unwrap_err();
+    assert!(e.to_string().contains("images 1 and 2 are the same"), "{e}");
+}
+
 /// Tangential components of the errors over their σ, and the errors in degrees.
 fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
     let (mut normalised, mut degrees) = (Vec::new(), Vec::new());

@@ -1,0 +1,133 @@
+//! One file that holds several scans: told apart by its columns `scan` and `time`.
+//!
+//! Comes in: a scan with the numbers and times of its points. Goes out: a scan for each number, in ascending order, with its time. Where a file has times and
+//! no numbers, points of one time are one scan, unless nearly every point has a time of its own. The time of a scan whose points were taken one after the
+//! other is their mean.
+//!
+//! Not guaranteed: that a motion during a scan is small: it is taken to stand still meanwhile.
+
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+use std::collections::BTreeMap;
+
+/// Times tell scans apart where each has so many points on average: fewer are points of one scan that took its time.
+const LEAST_POINTS_OF_TIME: usize = 100;
+
+/// The scans of a file's points.
+///
+/// # Errors
+/// `Unsupported` for an organised grid of several scans.
+pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
+    let (numbers, times) = (scan.scan_numbers.take(), scan.times_s.take());
+    let part: Vec<u64> = match (&numbers, &times) {
+        (Some(numbers), _) => numbers.iter().map(|&n| n.into()).collect(),
+        (None, Some(times)) => times.iter().map(|&t| ascending(t)).collect(),
+        (None, None) => return Ok(vec![scan]),
+    };
+    let mut points: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
+    for (k, &part) in part.iter().enumerate() {
+        points.entry(part).or_default().push(k);
+    }
+    let mean = |of: &[usize]| {
+        let times = times.as_ref()?;
+        // Beside the first, so that equal times stay what they are.
+        let first = times[*of.first()?];
+        Some(first + of.iter().map(|&k| times[k] - first).sum::<f64>() / of.len() as f64)
+    };
+    let by_time_alone = numbers.is_none();
+    if points.len() < 2 || by_time_alone && points.len() * LEAST_POINTS_OF_TIME > part.len() {
+        scan.time_s = mean(&(0..part.len()).collect::<Vec<_>>()).or(scan.time_s);
+        return Ok(vec![scan]);
+    }
+    if scan.grid.is_some() {
+        return Err(Error::unsupported(format!(
+            "{}: an organised grid of {} scans: needed a file for each, or points without a grid",
+            scan.name,
+            points.len()
+        )));
+    }
+    let mut dropped_not_finite = scan.dropped_not_finite;
+    Ok(points
+        .into_iter()
+        .map(|(part, of)| {
+            let time_s = mean(&of);
+            let name = match (by_time_alone, time_s) {
+                (true, Some(time)) => format!("{}, time {time}", scan.name),
+                _ => format!("{}, scan {part}", scan.name),
+            };
+            Scan {
+                name,
+                points: of.iter().map(|&k| scan.points[k]).collect(),
+                sigma: pick(scan.sigma.as_ref(), &of),
+                covariance: pick(scan.covariance.as_ref(), &of),
+                normals: pick(scan.normals.as_ref(), &of),
+                sigma_normal_deg: pick(scan.sigma_normal_deg.as_ref(), &of),
+                curvatures: pick(scan.curvatures.as_ref(), &of),
+                sigma_curvature: pick(scan.sigma_curvature.as_ref(), &of),
+                classes: pick(scan.classes.as_ref(), &of),
+                parameters: pick(scan.parameters.as_ref(), &of),
+                times_s: None,
+                scan_numbers: None,
+                grid: None,
+                viewing: scan.viewing,
+                world_from_scanner: scan.world_from_scanner,
+                time_s,
+                // Nothing says of which scan those were.
+                dropped_not_finite: std::mem::take(&mut dropped_not_finite),
+            }
+        })
+        .collect())
+}
+
+fn pick<T: Copy>(column: Option<&Vec<T>>, of: &[usize]) -> Option<Vec<T>> {
+    column.map(|all| of.iter().map(|&k| all[k]).collect())
+}
+
+/// The bits of a finite number, in an order that is that of the numbers.
+fn ascending(x: f64) -> u64 {
+    // Both zeros are one time.
+    let bits = (x + 0.0).to_bits();
+    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scan(times: Option<Vec<f64>>, numbers: Option<Vec<u32>>, points: usize) -> Scan {
+        Scan {
+            name: "a.csv".to_owned(),
+            points: (0..points).map(|k| [k as f64, 0.0, 0.0]).collect(),
+            sigma: Some((1..=points).map(|k| k as f64).collect()),
+            times_s: times,
+            scan_numbers: numbers,
+            ..Scan::default()
+        }
+    }
+
+    #[test]
+    fn numbers_split_a_file_with_all_of_its_columns() {
+        let made = several(scan(Some(vec![2.0, 1.0, 4.0, 1.0]), Some(vec![7, 3, 7, 3]), 4)).unwrap();
+        let told: Vec<_> = made
+            .iter()
+            .map(|s| (s.name.as_str(), s.points.len(), s.sigma.clone().unwrap(), s.time_s))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                ("a.csv, scan 3", 2, vec![2.0, 4.0], Some(1.0)),
+                ("a.csv, scan 7", 2, vec![1.0, 3.0], Some(3.0))
+            ]
+        );
+    }
+
+    #[test]
+    fn times_split_where_many_points_share_each_and_only_there() {
+        let shared = |k: usize| if k.is_multiple_of(2) { -1.5 } else { 0.5 };
+        let made = several(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
+        let told: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
+        assert_eq!(told, [(200, Some(-1.5)), (200, Some(0.5))]);
+        let own = several(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
+        assert_eq!((own.len(), own[0].points.len(), own[0].time_s), (1, 40, Some(19.5)));
+    }
+}

@@ -1,0 +1,201 @@
+//! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes that a motion does not suit.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use planish::fit::{
+    Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion, fit,
+};
+use planish::progress::{Progress, Silent};
+use planish::propagate::SymmetryChoice;
+use planish::simulate::{ScanScene, ScanSceneOptions, scans};
+use planish_estimate::ErrorKind;
+use planish_exchange::ScanSet;
+use planish_sense::{PrincipalCurvatures, Scan, Sensor};
+use planish_spline::Shape;
+
+fn scene(shape: Shape, readings: usize) -> ScanScene {
+    scans(&ScanSceneOptions {
+        shape,
+        readings,
+        views: if shape == Shape::Ball { 6 } else { 2 },
+        old_scanner: false,
+        probe_points: 0,
+        organised: false,
+        outlier_share: 0.0,
+        ..ScanSceneOptions::default()
+    })
+    .unwrap()
+}
+
+fn sheet() -> FitOptions {
+    FitOptions {
+        shape: Some(Shape::Sheet),
+        ..FitOptions::default()
+    }
+}
+
+/// The set with its first scan in a second file.
+fn with_a_copy(set: &ScanSet) -> ScanSet {
+    let mut twice = set.clone();
+    let mut copy = twice.scans[0].clone();
+    copy.scan.name = "copy.ply".to_owned();
+    twice.scans.push(copy);
+    twice
+}
+
+#[test]
+fn readings_in_two_files_count_once_and_both_are_named() {
+    let set = scene(Shape::Sheet, 4000).set;
+    let once = fit(&set, &sheet(), &Silent).unwrap();
+    let twice = fit(&with_a_copy(&set), &sheet(), &Silent).unwrap();
+    let copied = set.scans[0].scan.points.len();
+    assert_eq!(twice.report.rejected.get("duplicate"), Some(&copied));
+    assert_eq!(twice.report.observations, once.report.observations);
+    // A copy that counted would make σ of the surface smaller by a quarter or so.
+    let ratio = twice.report.sigma.median / once.report.sigma.median;
+    assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
+    let named = |w: &&String| w.contains("copy.ply") && w.contains(&set.scans[0].scan.name);
+    assert_eq!(
+        twice.report.warnings.iter().filter(named).count(),
+        1,
+        "{:?}",
+        twice.report.warnings
+    );
+    assert_eq!(
+        once.report
+            .warnings
+            .iter()
+            .filter(|w| w.contains("to the last digit"))
+            .count(),
+        0
+    );
+}
+
+/// Another pose, another sensor, or another reading at one place are no copies.
+#[test]
+fn scans_that_agree_by_their_nature_are_no_copies() {
+    let set = scene(Shape::Sheet, 4000).set;
+    let mut moved = with_a_copy(&set);
+    moved.scans.last_mut().unwrap().scan.world_from_scanner.translation[2] += 1e-3;
+    let mut other = with_a_copy(&set);
+    let mut sensor = other.sensors[other.scans[0].sensor].clone();
+    sensor.name = "another".to_owned();
+    other.sensors.push(sensor);
+    other.scans.last_mut().unwrap().sensor = other.sensors.len() - 1;
+    for set in [moved, other] {
+        let report = fit(&set, &sheet(), &Silent).unwrap().report;
+        assert_eq!(report.rejected.get("duplicate"), None);
+    }
+}
+
+#[test]
+fn the_patch_filter_says_what_it_does_not_use() {
+    let set = scene(Shape::Sheet, 8000).set;
+    let patch = FitOptions {
+        filter: Some(Filter::Patch),
+        ..sheet()
+    };
+    for (options, name) in [
+        (
+            FitOptions {
+                symmetry: Some(SymmetryChoice::Auto),
+                ..patch.clone()
+            },
+            "--symmetry",
+        ),
+        (
+            FitOptions {
+                complete_smooth: true,
+                ..patch.clone()
+            },
+            "--complete",
+        ),
+    ] {
+        let e = fit(&set, &options, &Silent).err().unwrap();
+        assert!(
+            e.kind() == ErrorKind::Unsupported && e.to_string().starts_with(name),
+            "{e}"
+        );
+    }
+    let mut biased = set.clone();
+    biased.sensors.iter_mut().for_each(|s| s.sigma_bias = Some(0.05));
+    let rough = FitOptions {
+        tolerance: Some(5.0),
+        ..patch
+    };
+    let report = fit(&biased, &rough, &Silent).unwrap().report;
+    assert!(
+        report.warnings.iter().any(|w| w.contains("sigma_bias")),
+        "{:?}",
+        report.warnings
+    );
+    assert_eq!(report.termination, FitTermination::ReachedTolerance);
+}
+
+/// Stops as soon as a surface is made.
+struct NoWork;
+
+impl Progress for NoWork {
+    fn advance(&self, stage: &str, _: f64) {
+        assert!(
+            stage != "first shape" && stage != "growing",
+            "the work has begun: {stage}"
+        );
+    }
+}
+
+#[test]
+fn a_ball_that_bends_is_refused_before_the_work() {
+    // Seen from all sides at each of two times: one view alone looks like a sheet.
+    let mut set = scene(Shape::Ball, 4000).set;
+    set.scans.iter_mut().for_each(|posed| posed.scan.time_s = Some(0.0));
+    let mut later = set.scans.clone();
+    later.iter_mut().for_each(|posed| posed.scan.time_s = Some(1.0));
+    set.scans.extend(later);
+    let options = FitOptions {
+        motion: Some(ThingMotion::Bend),
+        ..FitOptions::default()
+    };
+    let e = fit(&set, &options, &NoWork).err().unwrap();
+    assert!(
+        e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"),
+        "{e}"
+    );
+}
+
+/// A direction along the normal is no direction of a curvature; one of zero says that nothing is known.
+#[test]
+fn curvatures_along_the_normal_are_counted_by_that_name() {
+    let up = [0.0, 0.0, 1.0];
+    let scan = Scan {
+        name: "bent.csv".to_owned(),
+        points: (0..40).map(|k| [f64::from(k % 8), f64::from(k / 8), 0.0]).collect(),
+        normals: Some(vec![up; 40]),
+        sigma_normal_deg: Some(vec![1.0; 40]),
+        curvatures: Some(
+            (0..40)
+                .map(|k| PrincipalCurvatures {
+                    values: [0.1, 0.0],
+                    direction: [[1.0, 0.0, 0.0], up, [0.0; 3]][k % 3],
+                })
+                .collect(),
+        ),
+        sigma_curvature: Some(vec![0.01; 40]),
+        ..Scan::default()
+    };
+    let options = ObservationOptions {
+        held_out_share: 0.0,
+        seed: 0,
+        checks: FitOptions::default().checks,
+        sheet: true,
+        as_they_are: true,
+        ground: None,
+    };
+    let made = Observations::new(&[&scan], &[0], &[Sensor::default()], &options).unwrap();
+    assert_eq!(made.rejected.get(&Rejection::DirectionAlongNormal), Some(&13));
+    let bent = (0..made.len())
+        .filter(|&i| made.quantity(i) == Quantity::Curvature)
+        .count();
+    assert_eq!(bent, 14);
+}
