@@ -6,7 +6,10 @@
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
 mod delaunay;
+mod field;
 mod natural_neighbour;
+mod skeleton;
 
 pub use delaunay::Delaunay;
+pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
