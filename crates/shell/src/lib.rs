@@ -5,11 +5,13 @@
 //!
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
+mod deformation;
 mod delaunay;
 mod field;
 mod natural_neighbour;
 mod skeleton;
 
+pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
