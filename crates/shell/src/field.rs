@@ -3,23 +3,33 @@
 //! Comes in: any triangle mesh, open or closed, manifold or not. Goes out: at a place the paper's field, a distance, and its derivatives by the place and by the mesh's vertices.
 //!
 //! Facet `i` has a skeleton at distance `r_i(x)`: itself (triangular metaballs), or the centre of the smallest circle around it (spherical ones, [`crate::skeleton`]). C eq. 8:
-//! `F(x) = T − Σ_i exp(−k (r_i(x) − ρ_i))`, with `ρ_i` the circle's radius or the one thickness `d0`. The shell `F = 0` has two sheets, one on either side of the mesh, and bulges where
-//! metaballs overlap. Fits want the mesh itself, without thickness and bulge; that is [`Shell::distance`]:
+//! `F(x) = T − Σ_i exp(−k (r_i(x) − ρ_i))`, with `ρ_i` the circle's radius or the one thickness `d0`. The shell `F = 0` has two sheets, one on either side of the mesh, at `d0 − ln(T)/k` of a facet, and bulges by up to
+//! `ln(n)/k` where `n` metaballs overlap. In the mesh the sum is flat, just where fits need a slope.
 //!
-//! - triangular: `D = −(1/k) ln Σ_i exp(−k r_i)`, never negative but for the bulge, which is at most `ln(n)/k` where `n` facets are equally near;
-//! - spherical: skeletons stand for areas `A_i` and know their plane, so that `D = Σ_i p_i n_i·(x − c_i)` with `p_i ∝ A_i exp(−k r_i)`, normals turned to agree with that of the nearest facet. It has a
-//!   sign, no thickness and no bulge; on a plane it is exact. (The sum of exponentials alone is flat in the mesh, where fits need its slope.)
+//! Fits want the mesh itself. [`Shell::distance`] is therefore the height over the facets, each weighed with what its metaball gives to the sum:
 //!
-//! Facets that are more than a slack farther than the nearest are left out: together they change the sum by less than the share [`ShellOptions::error`], as
-//! `Σ_far ≤ n · exp(−k (r_min + slack))` (A. Madan, D. Levin 2022). Exponents are taken from the largest, so that nothing under- or overflows anywhere.
+//! `D(x) = Σ_i p_i n_i·(x − y_i)`, `p_i ∝ A_i exp(−k r_i)`,
 //!
-//! Not guaranteed: a derivative where two facets of a thin part are equally near (the sign flips there), or of spherical metaballs of facets with a right angle.
+//! with `y_i` the nearest point of the skeleton and `A_i` the area that a sphere stands for (one for triangles). It has a sign, no thickness and no bulge: on a plane it is exact at any `k`, and elsewhere as `k` grows. Normals that
+//! point the other way than that of the nearest facet are turned, as meshes need not be oriented.
+//!
+//! Terms less than `exp(−reach)` of the largest are left out: together less than `n · exp(−reach)` of the sum (A. Madan, D. Levin 2022). Exponents are taken from the largest, so that nothing under- or
+//! overflows anywhere.
+//!
+//! Not guaranteed: derivatives where two facets of a thin part are equally near (the sign flips there), where one is cut off, or, of spherical metaballs, of facets with a right angle. Beyond the border of an open mesh `D` is the height over the
+//! border's planes.
 
 use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::vector3::{cross, distance, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
+use rayon::prelude::*;
+
+/// The share of the sum that is left out where nothing is said.
+const USUAL_ERROR: f64 = 1e-6;
+/// Normals with a cosine below this face the other way; sharper edges are rarer than facets that are turned.
+const TURNED: f64 = -0.5;
 
 /// What a metaball is built around.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,8 +51,8 @@ pub struct ShellOptions {
     pub thickness: f64,
     /// `T`: the field's value at the shell.
     pub threshold: f64,
-    /// The share of the sum that may be left out.
-    pub error: f64,
+    /// Terms less than `exp(−reach)` of the largest are left out; where none is given, those that together are less than a millionth.
+    pub reach: Option<f64>,
 }
 
 impl ShellOptions {
@@ -54,17 +64,17 @@ impl ShellOptions {
             sharpness,
             thickness: 0.0,
             threshold: 1.0,
-            error: 1e-6,
+            reach: None,
         }
     }
 }
 
-/// A spherical metaball.
+/// A facet: its plane, and its skeleton where that is a point.
 #[derive(Debug, Clone, Copy)]
-struct Ball {
-    skeleton: Skeleton,
+struct Facet {
     normal: [f64; 3],
     area: f64,
+    skeleton: Option<Skeleton>,
 }
 
 /// A mesh wrapped in metaballs.
@@ -84,7 +94,7 @@ pub struct Shell<'a> {
     mesh: &'a TriangleMesh,
     tree: FacetTree,
     options: ShellOptions,
-    balls: Vec<Ball>,
+    facets: Vec<Facet>,
     /// How much farther than the nearest a facet is that still counts.
     slack: f64,
     /// The same for the paper's field, whose spheres have radii of their own.
@@ -127,7 +137,7 @@ impl<'a> Shell<'a> {
         let positive = [
             ("sharpness", options.sharpness),
             ("threshold", options.threshold),
-            ("error", options.error),
+            ("reach", options.reach.unwrap_or(1.0)),
         ];
         for (name, value) in positive {
             if !(value.is_finite() && value > 0.0) {
@@ -143,46 +153,45 @@ impl<'a> Shell<'a> {
             )));
         }
         let count = mesh.triangles.len();
-        let balls: Vec<Ball> = match options.metaball {
-            Metaball::Triangular => Vec::new(),
-            Metaball::Spherical => (0..count)
-                .map(|t| {
-                    let corners = mesh.corners(t);
-                    let m = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-                    let twice = norm(m);
-                    Ball {
-                        skeleton: skeleton(&corners),
-                        normal: if twice > 0.0 { scale(1.0 / twice, m) } else { [0.0; 3] },
-                        area: 0.5 * twice,
-                    }
-                })
-                .collect(),
-        };
-        let total: f64 = balls.iter().map(|ball| ball.area).sum();
-        if options.metaball == Metaball::Spherical && (total.is_nan() || total <= 0.0) {
+        let facets: Vec<Facet> = (0..count)
+            .into_par_iter()
+            .map(|t| {
+                let corners = mesh.corners(t);
+                let m = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+                let twice = norm(m);
+                Facet {
+                    normal: if twice > 0.0 { scale(1.0 / twice, m) } else { [0.0; 3] },
+                    area: 0.5 * twice,
+                    skeleton: (options.metaball == Metaball::Spherical).then(|| skeleton(&corners)),
+                }
+            })
+            .collect();
+        let total: f64 = facets.iter().map(|facet| facet.area).sum();
+        if total.is_nan() || total <= 0.0 {
             return Err(Error::undetermined(
-                "spherical metaballs need facets with an area, and the mesh has none",
+                "a shell needs facets with an area, and the mesh has none",
             ));
         }
-        let tree = match options.metaball {
-            Metaball::Triangular => FacetTree::new(count, |t| mesh.corners(t)),
-            Metaball::Spherical => FacetTree::new(count, |t| [balls[t].skeleton.center; 3]),
-        };
+        let tree = FacetTree::new(count, |t| match &facets[t].skeleton {
+            None => mesh.corners(t),
+            Some(skeleton) => [skeleton.center; 3],
+        });
+        let smallest = (facets.iter().map(|f| f.area).filter(|a| *a > 0.0)).fold(f64::INFINITY, f64::min);
         // The nearest facet may be a small one.
-        let smallest = (balls.iter().map(|b| b.area).filter(|a| *a > 0.0)).fold(f64::INFINITY, f64::min);
         let others = match options.metaball {
             Metaball::Triangular => count as f64,
             Metaball::Spherical => total / smallest,
         };
-        let (least, most) = (balls.iter().map(|b| b.skeleton.radius))
+        let (least, most) = (facets.iter().filter_map(|f| f.skeleton.map(|s| s.radius)))
             .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
+        let reach = |others: f64| options.reach.unwrap_or_else(|| (others / USUAL_ERROR).ln());
         Ok(Self {
             mesh,
             tree,
             options: *options,
-            slack: (others / options.error).ln() / options.sharpness,
-            paper_slack: (count as f64 / options.error).ln() / options.sharpness + (most - least).max(0.0),
-            balls,
+            slack: reach(others) / options.sharpness,
+            paper_slack: reach(count as f64) / options.sharpness + (most - least).max(0.0),
+            facets,
         })
     }
 
@@ -192,10 +201,8 @@ impl<'a> Shell<'a> {
         let k = self.options.sharpness;
         let mut sum = 0.0;
         self.tree.visit_near(at, self.paper_slack, |near| {
-            let radius = match self.options.metaball {
-                Metaball::Triangular => self.options.thickness,
-                Metaball::Spherical => self.balls[near.facet as usize].skeleton.radius,
-            };
+            let skeleton = &self.facets[near.facet as usize].skeleton;
+            let radius = skeleton.as_ref().map_or(self.options.thickness, |s| s.radius);
             sum += (-k * (near.distance - radius)).exp();
         });
         self.options.threshold - sum
@@ -229,64 +236,61 @@ impl<'a> Shell<'a> {
             shares.clear();
             shares.push(alone);
         }
-        let mut gradient = Vector3::zeros();
-        let distance = match self.options.metaball {
-            Metaball::Triangular => {
-                for one in shares.iter() {
-                    gradient += one.share * away(at, &one.near);
-                }
-                nearest.distance - sum.ln() / k
-            }
-            Metaball::Spherical => {
-                let facing = self.facing(nearest.facet);
-                let heights = |one: &Share| self.height(at, one, facing).0;
-                let mean: f64 = shares.iter().map(|one| one.share * heights(one)).sum();
-                for one in shares.iter() {
-                    let (height, normal) = self.height(at, one, facing);
-                    gradient += one.share * (normal - k * (height - mean) * away(at, &one.near));
-                }
-                mean
-            }
-        };
+        let facing = self.facets[nearest.facet as usize].normal.into();
+        let mean: f64 = shares
+            .iter()
+            .map(|one| one.share * self.height(at, &one.near, facing).0)
+            .sum();
+        let gradient: Vector3<f64> = (shares.iter())
+            .map(|one| {
+                let (height, normal) = self.height(at, &one.near, facing);
+                one.share * (normal - k * (height - mean) * away(at, &one.near))
+            })
+            .sum();
         Some(ShellDistance {
-            distance,
+            distance: mean,
             gradient: gradient.into(),
             facet: nearest.facet,
             nearest: nearest.distance,
         })
     }
 
-    /// `∂²D/∂x²` of triangular metaballs, from what [`Self::distance`] left: `Σ p_i (H_i − k u_i u_iᵀ) + k u uᵀ` with `u = Σ p_i u_i`; symmetric. `None` for spherical ones.
+    /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`, with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
-    pub fn hessian(&self, at: [f64; 3], shares: &[Share]) -> Option<Matrix3<f64>> {
-        if self.options.metaball == Metaball::Spherical {
-            return None;
-        }
+    pub fn hessian(&self, at: [f64; 3], shares: &[Share], of: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
-        let (mut mean, mut sum) = (Vector3::zeros(), Matrix3::zeros());
+        let facing = self.facets[of.facet as usize].normal.into();
+        let gradient = Vector3::from(of.gradient);
+        let mean_away: Vector3<f64> = shares.iter().map(|one| one.share * away(at, &one.near)).sum();
+        let mut sum = Matrix3::zeros();
         for one in shares {
             let u = away(at, &one.near);
-            mean += one.share * u;
-            sum += one.share * (self.bending(&one.near, u) - k * u * u.transpose());
+            let (height, normal) = self.height(at, &one.near, facing);
+            let part = normal - k * (height - of.distance) * u;
+            // ∂p_i = −k p_i (u_i − ū); ∂s_i = n_i; ∂D = m.
+            sum += one.share * (-k * part * (u - mean_away).transpose() - k * u * (normal - gradient).transpose());
+            sum -= one.share * k * (height - of.distance) * self.bending(&one.near, u);
         }
-        Some(sum + k * mean * mean.transpose())
+        sum
     }
 
-    /// The Hessian of the distance from a triangle: 0 over its face, one curvature of `1/r` beside an edge, two beside a corner.
+    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` beside an edge, two beside a corner or a point.
     fn bending(&self, near: &NearFacet, u: Vector3<f64>) -> Matrix3<f64> {
         if near.distance == 0.0 {
             return Matrix3::zeros();
         }
-        let corners = self.mesh.corners(near.facet as usize);
         let mut flat = Matrix3::identity() - u * u.transpose();
-        let within: Vec<usize> = (0..3).filter(|&k| near.barycentric[k] > 0.0).collect();
-        match within[..] {
-            [_] => {}
-            [a, b] => {
-                let along = Vector3::from(sub(corners[b], corners[a])).normalize();
-                flat -= along * along.transpose();
+        if self.options.metaball == Metaball::Triangular {
+            let corners = self.mesh.corners(near.facet as usize);
+            let within: Vec<usize> = (0..3).filter(|&k| near.barycentric[k] > 0.0).collect();
+            match within[..] {
+                [_] => {}
+                [a, b] => {
+                    let along = Vector3::from(sub(corners[b], corners[a])).normalize();
+                    flat -= along * along.transpose();
+                }
+                _ => return Matrix3::zeros(),
             }
-            _ => return Matrix3::zeros(),
         }
         flat / near.distance
     }
@@ -300,62 +304,54 @@ impl<'a> Shell<'a> {
         mut visit: impl FnMut(u32, [f64; 3]),
     ) {
         let k = self.options.sharpness;
-        for one in shares {
+        let facing = self.facets[of.facet as usize].normal.into();
+        for one in shares.iter().filter(|one| one.share > 0.0) {
+            let facet = &self.facets[one.near.facet as usize];
             let vertices = self.mesh.triangles[one.near.facet as usize];
+            let corners = self.mesh.corners(one.near.facet as usize);
             let away = away(at, &one.near);
-            match self.options.metaball {
-                Metaball::Triangular => {
-                    for (vertex, weight) in vertices.into_iter().zip(one.near.barycentric) {
-                        if weight != 0.0 {
-                            visit(vertex, (-one.share * weight * away).into());
-                        }
-                    }
-                }
-                Metaball::Spherical => {
-                    let ball = &self.balls[one.near.facet as usize];
-                    let corners = self.mesh.corners(one.near.facet as usize);
-                    let facing = self.facing(of.facet);
-                    let (height, normal) = self.height(at, one, facing);
-                    let (own, twice) = (Vector3::from(ball.normal), 2.0 * ball.area);
-                    let sign = own.dot(&normal);
-                    let off = Vector3::from(sub(at, ball.skeleton.center));
-                    // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|.
-                    // A facet without area has no share, and nothing to turn.
-                    let by_m = if twice > 0.0 {
-                        (one.share / twice) * (sign * (off - off.dot(&own) * own) + (height - of.distance) * own)
-                    } else {
-                        Vector3::zeros()
-                    };
-                    let by_center = -one.share * (normal - k * (height - of.distance) * away);
-                    for corner in 0..3 {
-                        // m changes by dV × (the side opposite, turned back).
-                        let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
-                        let moved = ball.skeleton.by_corner[corner].tr_mul(&by_center) + by_m.cross(&side);
-                        visit(vertices[corner], moved.into());
-                    }
-                }
+            let (height, normal) = self.height(at, &one.near, facing);
+            let above = height - of.distance;
+            let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
+            let off = Vector3::from(sub(at, one.near.point));
+            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to turn.
+            let by_m = if twice > 0.0 {
+                let growing = match facet.skeleton {
+                    Some(_) => above,
+                    None => 0.0,
+                };
+                (one.share / twice) * (own.dot(&normal) * (off - off.dot(&own) * own) + growing * own)
+            } else {
+                Vector3::zeros()
+            };
+            let by_skeleton = -one.share * (normal - k * above * away);
+            for corner in 0..3 {
+                // m changes by dV × (the side opposite, turned back).
+                let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
+                let by_corner = match &facet.skeleton {
+                    // Which point of the facet is nearest changes as well, but within its plane, and by a step at a right angle to the way.
+                    None => one.near.barycentric[corner] * by_skeleton,
+                    Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
+                };
+                visit(vertices[corner], (by_corner + by_m.cross(&side)).into());
             }
         }
     }
 
     fn weight(&self, facet: u32) -> f64 {
-        match self.options.metaball {
-            Metaball::Triangular => 1.0,
-            Metaball::Spherical => self.balls[facet as usize].area,
+        let Facet { area, skeleton, .. } = &self.facets[facet as usize];
+        match skeleton {
+            Some(_) => *area,
+            // A facet without area has no plane.
+            None => f64::from(u8::from(*area > 0.0)),
         }
     }
 
-    /// The normal that others are turned to agree with.
-    fn facing(&self, facet: u32) -> Vector3<f64> {
-        self.balls[facet as usize].normal.into()
-    }
-
-    /// How high a place is over a facet's plane, and the plane's normal, turned.
-    fn height(&self, at: [f64; 3], one: &Share, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
-        let ball = &self.balls[one.near.facet as usize];
-        let normal = Vector3::from(ball.normal);
-        let turned = if normal.dot(&facing) < 0.0 { -normal } else { normal };
-        (turned.dot(&Vector3::from(sub(at, ball.skeleton.center))), turned)
+    /// How high a place is over a facet's plane, and the plane's normal, turned where it faces away.
+    fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
+        let normal = Vector3::from(self.facets[near.facet as usize].normal);
+        let turned = if normal.dot(&facing) < TURNED { -normal } else { normal };
+        (turned.dot(&Vector3::from(sub(at, near.point))), turned)
     }
 }
 

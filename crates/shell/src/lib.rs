@@ -5,13 +5,17 @@
 //!
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
+mod controls;
 mod deformation;
 mod delaunay;
 mod field;
+mod fit;
 mod natural_neighbour;
 mod skeleton;
 
+pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
 pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
+pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -30,7 +30,7 @@ fn derivatives_are_those_of_differences() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let mesh = rough_mesh();
         let options = ShellOptions {
-            error: 1e-12,
+            reach: Some(40.0),
             ..ShellOptions::new(metaball, 6.0)
         };
         let shell = Shell::new(&mesh, &options).unwrap();
@@ -79,21 +79,20 @@ fn derivatives_are_those_of_differences() {
                     "{metaball:?} {at:?} {vertex}: {difference} {stated}"
                 );
             }
-            if let Some(hessian) = shell.hessian(at, &shares) {
-                let [up, down] =
-                    [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
+            let hessian = shell.hessian(at, &shares, &made);
+            let [up, down] =
+                [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
+            // Over an edge's border the curvature of the distance jumps.
+            let near_jump = shares
+                .iter()
+                .any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
+            if same_side(&up) && same_side(&down) && !(near_jump && metaball == Metaball::Triangular) {
                 for row in 0..3 {
                     let difference = (up.gradient[row] - down.gradient[row]) / (2.0 * step);
-                    // Over an edge's border the curvature of the distance jumps.
-                    let near_jump = shares
-                        .iter()
-                        .any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
                     let off = (difference - hessian[(row, 0)]).abs();
-                    assert!(
-                        near_jump || off < 1e-3 * (1.0 + hessian.norm()),
-                        "{at:?}: {difference} {hessian}"
-                    );
+                    assert!(off < 1e-3 * (1.0 + hessian.norm()), "{at:?}: {difference} {hessian}");
                 }
+                assert!((hessian - hessian.transpose()).norm() < 1e-9 * hessian.norm());
             }
         }
     }
@@ -131,10 +130,12 @@ fn thickness_and_bulge_are_as_stated() {
     let middle = scale(1.0 / sheet.positions.len() as f64, middle);
     for height in [0.0, 0.01, 0.2, 1.0] {
         let at = [middle[0] + 0.013, middle[1] + 0.027, middle[2] + height];
-        let by_spheres = spherical.distance(at, &mut Vec::new()).unwrap();
-        assert!((by_spheres.distance.abs() - height).abs() < 1e-12);
-        let by_triangles = triangular.distance(at, &mut Vec::new()).unwrap();
-        assert!(by_triangles.distance <= height && by_triangles.distance > height - (3200.0_f64).ln() / k);
+        for shell in [&spherical, &triangular] {
+            let made = shell.distance(at, &mut Vec::new()).unwrap();
+            assert!((made.distance.abs() - height).abs() < 1e-12);
+        }
+        // The paper's sum has both: where it says that the shell is, D is still half a unit away.
+        assert!(triangular.field(at) < -1.0 || height > 0.2);
     }
     let one = TriangleMesh {
         positions: vec![[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]],
@@ -153,18 +154,30 @@ fn thickness_and_bulge_are_as_stated() {
     }
 }
 
-/// Sharp enough, the field's distance is the mesh's, near and very far away, with a gradient of length one.
+/// Sharp enough, the field's distance is the mesh's over faces, with a gradient of length one, and nothing over- or underflows far away.
 #[test]
 fn sharp_shells_are_as_far_as_the_mesh() {
     let mesh = icosphere(1.0, 3);
     let search = MeshSearch::try_new(&mesh).unwrap();
-    let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 1e4)).unwrap();
-    for at in places(300, 2).into_iter().chain([[1e6, 2e6, -3e6], [1e-3, 0.0, 0.0]]) {
+    let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 1e5)).unwrap();
+    let (mut compared, mut all) = (0, 0);
+    for at in places(300, 2) {
         let made = shell.distance(at, &mut Vec::new()).unwrap();
         let closest = search.closest(at).unwrap();
-        let bulge = (mesh.triangles.len() as f64).ln() / 1e4;
-        assert!((made.distance - closest.distance).abs() <= bulge + 1e-9 * closest.distance);
-        assert!(norm(made.gradient) < 1.0 + 1e-9);
+        all += 1;
+        if closest.feature == planish_mesh::Feature::Face && closest.barycentric.iter().all(|b| *b > 0.1) {
+            compared += 1;
+            assert!(
+                (made.distance - closest.signed_distance).abs() < 1e-3,
+                "{at:?} {made:?} {closest:?}"
+            );
+            assert!((norm(made.gradient) - 1.0).abs() < 1e-2);
+        }
+    }
+    assert!(compared * 5 > all, "{compared} of {all}");
+    for at in [[1e6, 2e6, -3e6], [1e-3, 0.0, 0.0]] {
+        let made = shell.distance(at, &mut Vec::new()).unwrap();
+        assert!(made.distance.is_finite() && made.gradient.iter().all(|x| x.is_finite()));
     }
     assert!(shell.distance([f64::NAN, 0.0, 0.0], &mut Vec::new()).is_none());
 }
@@ -174,14 +187,15 @@ fn sharp_shells_are_as_far_as_the_mesh() {
 fn what_is_left_out_is_less_than_stated() {
     let mesh = rough_mesh();
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
-        let shell_of = |error: f64| {
+        let shell_of = |reach: f64| {
             let options = ShellOptions {
-                error,
+                reach: Some(reach),
                 ..ShellOptions::new(metaball, 20.0)
             };
             Shell::new(&mesh, &options).unwrap()
         };
-        let (coarse, whole) = (shell_of(1e-3), shell_of(1e-300));
+        let others = 1e3 * mesh.triangles.len() as f64;
+        let (coarse, whole) = (shell_of((others / 1e-3).ln()), shell_of(700.0));
         for at in places(300, 12) {
             let [a, b] = [&coarse, &whole].map(|shell| shell.distance(at, &mut Vec::new()).unwrap());
             assert_eq!(a.facet, b.facet);
@@ -233,4 +247,9 @@ fn odd_meshes_and_options_are_refused() {
         triangles: vec![[0, 1, 1]],
     };
     assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
+    let nowhere = ShellOptions {
+        reach: Some(f64::NAN),
+        ..ShellOptions::new(Metaball::Triangular, 1.0)
+    };
+    assert!(refused(&mesh, nowhere).contains("reach"));
 }
