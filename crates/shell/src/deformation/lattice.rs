@@ -120,10 +120,10 @@ impl Deformation for Lattice {
 
 /// Bernstein polynomials of a degree, by de Casteljau's triangle.
 fn bernstein(degree: usize, t: f64) -> Vec<f64> {
-    let mut values = vec![1.0];
-    for _ in 0..degree {
-        values.push(0.0);
-        for k in (0..values.len()).rev() {
+    let mut values = vec![0.0; degree + 1];
+    values[0] = 1.0;
+    for raised in 1..=degree {
+        for k in (0..=raised).rev() {
             let below = if k > 0 { values[k - 1] } else { 0.0 };
             values[k] = (1.0 - t) * values[k] + t * below;
         }
