@@ -26,6 +26,7 @@ mod bvh;
 mod check;
 mod deviation;
 mod edges;
+mod facet_tree;
 mod mesh;
 mod primitives;
 mod ray;
@@ -37,6 +38,7 @@ mod visibility;
 
 pub use check::MeshCheck;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
+pub use facet_tree::{FacetTree, NearFacet};
 pub use mesh::{BoundingBox, TriangleMesh};
 pub use primitives::{cylinder, grid_sheet, icosphere};
 pub use ray::RayHit;

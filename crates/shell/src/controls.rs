@@ -1,0 +1,268 @@
+//! Control points chosen on a mesh, the triangulation that joins them, and the energy of their displacements.
+//!
+//! Comes in: a mesh, and how many controls are wanted. Goes out: vertices, spread by distance along the edges of the mesh and denser where it bends; triangles where three of their
+//! regions meet; the stiffness `K` of C eq. 10.
+//!
+//! Not guaranteed: that the control triangulation is manifold or has no holes: neither need the mesh be, nor have none.
+
+use nalgebra::DMatrix;
+use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::TriangleMesh;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+
+/// Edges count as so many times longer where the mesh turns by one radian along them.
+const BENDING: f64 = 2.0;
+/// A cotangent is no larger than this: triangles of controls may be thin.
+const MOST_COTANGENT: f64 = 10.0;
+
+/// Control points on a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Controls {
+    /// Vertices of the mesh that they stand on.
+    pub vertices: Vec<u32>,
+    /// Where they stand.
+    pub points: Vec<[f64; 3]>,
+    /// Triangles of them.
+    pub triangles: Vec<[u32; 3]>,
+    /// Pairs whose regions touch, the edges of triangles among them; the lower index first.
+    pub edges: Vec<[u32; 2]>,
+}
+
+/// Distances along the edges of a mesh, by which regions grow.
+struct Roads {
+    start: Vec<usize>,
+    to: Vec<(u32, f64)>,
+}
+
+impl Roads {
+    fn of(mesh: &TriangleMesh) -> Self {
+        let normals = mesh.vertex_normals();
+        let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
+        for t in &mesh.triangles {
+            for k in 0..3 {
+                let [a, b] = [t[k], t[(k + 1) % 3]];
+                if a != b {
+                    pairs.insert([a.min(b), a.max(b)]);
+                }
+            }
+        }
+        // Vertices at one place are joined: meshes from the web often have seams.
+        let mut at: BTreeMap<[u64; 3], u32> = BTreeMap::new();
+        for (v, p) in mesh.positions.iter().enumerate() {
+            let first = *at.entry(p.map(f64::to_bits)).or_insert(v as u32);
+            if first != v as u32 {
+                pairs.insert([first, v as u32]);
+            }
+        }
+        let length = |[a, b]: [u32; 2]| {
+            let [a, b] = [a as usize, b as usize];
+            let turn = dot(normals[a], normals[b]).clamp(-1.0, 1.0).acos();
+            distance(mesh.positions[a], mesh.positions[b]) * (1.0 + BENDING * turn)
+        };
+        let mut start = vec![0; mesh.positions.len() + 1];
+        for [a, b] in &pairs {
+            start[*a as usize + 1] += 1;
+            start[*b as usize + 1] += 1;
+        }
+        for v in 1..start.len() {
+            start[v] += start[v - 1];
+        }
+        let mut next = start.clone();
+        let mut to = vec![(0, 0.0); 2 * pairs.len()];
+        for pair in pairs {
+            let length = length(pair);
+            for [from, target] in [pair, [pair[1], pair[0]]] {
+                to[next[from as usize]] = (target, length);
+                next[from as usize] += 1;
+            }
+        }
+        Self { start, to }
+    }
+
+    /// Takes over what is nearer to a new source than to all before.
+    fn grow(&self, source: u32, region: u32, far: &mut [f64], regions: &mut [u32]) {
+        let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
+        far[source as usize] = 0.0;
+        regions[source as usize] = region;
+        while let Some(Reverse((bits, here))) = heap.pop() {
+            // Positive numbers are in the order of their bits.
+            let reached = f64::from_bits(bits);
+            if reached > far[here as usize] {
+                continue;
+            }
+            for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
+                let by_here = reached + length;
+                if by_here < far[to as usize] {
+                    far[to as usize] = by_here;
+                    regions[to as usize] = region;
+                    heap.push(Reverse((by_here.to_bits(), to)));
+                }
+            }
+        }
+    }
+}
+
+/// Chooses control points: each as far as can be from those before, along the mesh.
+///
+/// # Errors
+/// `Input` for no controls at all, or a mesh without triangles.
+pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls> {
+    if count == 0 || mesh.triangles.is_empty() {
+        return Err(Error::input(
+            "controls need a mesh with faces, and at least one was to be asked for",
+        ));
+    }
+    let roads = Roads::of(mesh);
+    let mut used = vec![false; mesh.positions.len()];
+    for &v in mesh.triangles.iter().flatten() {
+        used[v as usize] = true;
+    }
+    let mut far: Vec<f64> = used
+        .iter()
+        .map(|used| if *used { f64::INFINITY } else { -1.0 })
+        .collect();
+    let mut regions = vec![u32::MAX; mesh.positions.len()];
+    let mut vertices = Vec::new();
+    while vertices.len() < count {
+        let farthest = (0..far.len()).fold(0, |best, v| if far[v] > far[best] { v } else { best });
+        if far[farthest] <= 0.0 {
+            break;
+        }
+        roads.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
+        vertices.push(farthest as u32);
+    }
+    let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
+    for t in &mesh.triangles {
+        let mut of = t.map(|v| regions[v as usize]);
+        for k in 0..3 {
+            let [a, b] = [of[k], of[(k + 1) % 3]];
+            if a != b {
+                edges.insert([a.min(b), a.max(b)]);
+            }
+        }
+        of.sort_unstable();
+        if of[0] != of[1] && of[1] != of[2] {
+            triangles.insert(of);
+        }
+    }
+    Ok(Controls {
+        points: vertices.iter().map(|&v| mesh.positions[v as usize]).collect(),
+        vertices,
+        triangles: triangles.into_iter().collect(),
+        edges: edges.into_iter().collect(),
+    })
+}
+
+/// `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear elements on the triangles, whose entries are cotangents; edges without a triangle
+/// are springs of stiffness one. Positive semidefinite: cotangents of obtuse angles are taken as nothing, very large ones as ten.
+#[must_use]
+pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> DMatrix<f64> {
+    let mut joined: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+    for t in triangles {
+        for k in 0..3 {
+            let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+            let [u, v] = [b, c].map(|to| sub(points[to as usize], points[a as usize]));
+            let area = norm(cross(u, v));
+            let cotangent = if area > 0.0 { dot(u, v) / area } else { 0.0 };
+            *joined.entry([b.min(c), b.max(c)]).or_insert(0.0) += 0.5 * cotangent.clamp(0.0, MOST_COTANGENT);
+        }
+    }
+    for edge in edges {
+        joined.entry(*edge).or_insert(1.0);
+    }
+    let mut made = DMatrix::zeros(points.len(), points.len());
+    for ([a, b], spring) in joined {
+        let [a, b] = [a as usize, b as usize];
+        made[(a, a)] += spring;
+        made[(b, b)] += spring;
+        made[(a, b)] -= spring;
+        made[(b, a)] -= spring;
+    }
+    made
+}
+
+/// Pairs of points for [`stiffness`] where there is no triangulation: each with the `count` that are nearest to it.
+#[must_use]
+pub fn nearest_pairs(points: &[[f64; 3]], count: usize) -> Vec<[u32; 2]> {
+    let mut pairs = BTreeSet::new();
+    for (a, p) in points.iter().enumerate() {
+        let mut others: Vec<(f64, u32)> = (points.iter().enumerate())
+            .filter(|(b, _)| *b != a)
+            .map(|(b, q)| (distance(*p, *q), b as u32))
+            .collect();
+        others.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+        for &(_, b) in others.iter().take(count) {
+            pairs.insert([(a as u32).min(b), (a as u32).max(b)]);
+        }
+    }
+    pairs.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::{cylinder, icosphere};
+
+    #[test]
+    fn controls_are_spread_and_joined() {
+        let ball = icosphere(2.0, 4);
+        let made = automatic_controls(&ball, 60).unwrap();
+        assert_eq!(made.points.len(), 60);
+        let nearest = |a: usize| {
+            (0..60)
+                .filter(|&b| b != a)
+                .map(|b| distance(made.points[a], made.points[b]))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let spread: Vec<f64> = (0..60).map(nearest).collect();
+        let (least, most) = (
+            spread.iter().copied().fold(f64::INFINITY, f64::min),
+            spread.iter().copied().fold(0.0, f64::max),
+        );
+        assert!(most < 2.5 * least, "{least} {most}");
+        // A closed triangulation of 60 points has 116 triangles and 174 edges.
+        assert!(
+            made.triangles.len() > 100 && made.edges.len() > 160,
+            "{} {}",
+            made.triangles.len(),
+            made.edges.len()
+        );
+        // A displacement that is the same everywhere costs nothing, any other something.
+        let k = stiffness(&made.points, &made.triangles, &made.edges);
+        let ones = nalgebra::DVector::from_element(60, 1.0);
+        assert!((&k * &ones).amax() < 1e-9);
+        let eigen = k.symmetric_eigen().eigenvalues;
+        assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
+    }
+
+    /// Loose parts all get controls, seams do not part what is at one place, and there are no more controls than vertices.
+    #[test]
+    fn parts_and_seams() {
+        let mut two = icosphere(1.0, 2);
+        let other = cylinder(1.0, 2.0, 24, 4, true);
+        let first = two.positions.len() as u32;
+        two.positions
+            .extend(other.positions.iter().map(|p| [p[0] + 9.0, p[1], p[2]]));
+        two.triangles
+            .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        let made = automatic_controls(&two, 8).unwrap();
+        assert!(made.vertices.iter().any(|v| *v < first) && made.vertices.iter().any(|v| *v >= first));
+        let soup = TriangleMesh {
+            positions: vec![
+                [0.0; 3],
+                [1.0, 0.0, 0.0],
+                [0.0, 1.0, 0.0],
+                [1.0, 0.0, 0.0],
+                [1.0, 1.0, 0.0],
+                [0.0, 1.0, 0.0],
+            ],
+            triangles: vec![[0, 1, 2], [3, 4, 5]],
+        };
+        let made = automatic_controls(&soup, 50).unwrap();
+        assert_eq!(made.points.len(), 4);
+        assert!(automatic_controls(&TriangleMesh::default(), 3).is_err());
+        assert!(automatic_controls(&soup, 0).is_err());
+    }
+}

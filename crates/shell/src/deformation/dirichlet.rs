@@ -1,0 +1,226 @@
+//! Dirichlet free-form deformation (L. Moccozet, N. Magnenat-Thalmann 1997; C eq. 1): vertices follow the control points that are their natural neighbours.
+//!
+//! Comes in: vertices, and control points anywhere: few, on a grid, in a plane, several at one place. Goes out: `V_v = V0_v + Σ_j w_vj ΔP_j` with Sibson's
+//! coordinates, exact at controls.
+//!
+//! Beyond the controls the corners of a box are natural neighbours as well. They move by the affine motion that fits the displacements of the controls best: a corner that stood
+//! still would break rigid motions. Where all controls lie in a plane, on a line or at a point, displacements do not change away from it.
+//!
+//! Not guaranteed: that a vertex off the plane of coplanar controls turns with them: no linear map of displacements could do that.
+
+use super::Deformation;
+use crate::natural_neighbour::{BOX_CORNERS, NaturalNeighbours};
+use nalgebra::DMatrix;
+use planish_estimate::vector3::{add, norm, scale, sub};
+use planish_estimate::{Error, Result};
+
+/// Directions in which controls spread less than this share of the greatest spread are none.
+const FLAT: f64 = 1e-9;
+/// `1, x, y, z`.
+const AFFINE: usize = 4;
+
+/// Vertices under control points.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DVector;
+/// use planish_shell::{Deformation, Dirichlet, displacements};
+/// let controls = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]];
+/// let vertices = [[0.5, 0.5, 0.5], [2.0, 0.0, 0.0], [9.0, 9.0, 9.0]];
+/// let made = Dirichlet::new(&controls, &vertices)?;
+/// // All controls to the right: so do all vertices, within the controls and beyond.
+/// let q = DVector::from_fn(made.parameters(), |k, _| if k % 3 == 0 { 1.0 } else { 0.0 });
+/// for moved in displacements(&made, &q) {
+///     assert!((moved[0] - 1.0).abs() < 1e-12 && moved[1].abs() < 1e-12);
+/// }
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Dirichlet {
+    controls: Vec<[f64; 3]>,
+    /// Handles are the controls, then the four of an affine motion.
+    start: Vec<u32>,
+    weights: Vec<(u32, f64)>,
+    reduction: DMatrix<f64>,
+}
+
+impl Dirichlet {
+    /// Weights of `vertices` under `controls`. Some 10 µs a vertex.
+    ///
+    /// # Errors
+    /// `Input` for controls or vertices that are not finite, or no controls.
+    pub fn new(controls: &[[f64; 3]], vertices: &[[f64; 3]]) -> Result<Self> {
+        if let Some(v) = vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
+            return Err(Error::input(format!("vertex {v} is not finite: {:?}", vertices[v])));
+        }
+        let neighbours = NaturalNeighbours::new(controls, vertices)?;
+        let (center, size, fit) = affine_fit(controls);
+        let mut of_site = vec![Vec::new(); controls.len() + BOX_CORNERS];
+        for (control, &site) in neighbours.site_of().iter().enumerate() {
+            of_site[site as usize].push(control as u32);
+        }
+        let mut start = vec![0_u32];
+        let mut weights = Vec::new();
+        for found in neighbours.weights_of_all(vertices)? {
+            let mut affine = [0.0; AFFINE];
+            for w in found {
+                if (w.site as usize) < BOX_CORNERS {
+                    let [x, y, z] = scale(1.0 / size, sub(neighbours.site(w.site), center));
+                    for (sum, value) in affine.iter_mut().zip([1.0, x, y, z]) {
+                        *sum += w.weight * value;
+                    }
+                } else {
+                    // Controls at one place share its weight.
+                    let own = &of_site[w.site as usize];
+                    weights.extend(own.iter().map(|&control| (control, w.weight / own.len() as f64)));
+                }
+            }
+            if affine != [0.0; AFFINE] {
+                weights.extend((controls.len() as u32..).zip(affine));
+            }
+            start.push(weights.len() as u32);
+        }
+        let count = controls.len();
+        let mut reduction = DMatrix::zeros(3 * (count + AFFINE), 3 * count);
+        for axis in 0..3 {
+            for control in 0..count {
+                reduction[(3 * control + axis, 3 * control + axis)] = 1.0;
+                for k in 0..AFFINE {
+                    reduction[(3 * (count + k) + axis, 3 * control + axis)] = fit[(k, control)];
+                }
+            }
+        }
+        Ok(Self {
+            controls: controls.to_vec(),
+            start,
+            weights,
+            reduction,
+        })
+    }
+
+    /// Handles that move a vertex, and by how much: controls by index, then the four of the affine motion.
+    fn of_vertex(&self, vertex: u32) -> &[(u32, f64)] {
+        let vertex = vertex as usize;
+        &self.weights[self.start[vertex] as usize..self.start[vertex + 1] as usize]
+    }
+}
+
+impl Deformation for Dirichlet {
+    fn parameters(&self) -> usize {
+        3 * self.controls.len()
+    }
+
+    fn basis(&self) -> usize {
+        3 * (self.controls.len() + AFFINE)
+    }
+
+    fn vertices(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+        for &(handle, weight) in self.of_vertex(vertex) {
+            for (axis, d) in direction.into_iter().enumerate() {
+                if d != 0.0 {
+                    visit(3 * handle as usize + axis, weight * d);
+                }
+            }
+        }
+    }
+
+    fn reduction(&self) -> Option<&DMatrix<f64>> {
+        Some(&self.reduction)
+    }
+
+    fn controls(&self) -> Option<&[[f64; 3]]> {
+        Some(&self.controls)
+    }
+}
+
+/// The affine motion `a0 + A (x − center)/size` that fits displacements of controls best: the four rows that displacements are multiplied by. Of many motions that fit as
+/// well it is the one that changes least in space.
+fn affine_fit(controls: &[[f64; 3]]) -> ([f64; 3], f64, DMatrix<f64>) {
+    let count = controls.len();
+    let center = scale(
+        1.0 / count as f64,
+        controls.iter().fold([0.0; 3], |sum, p| add(sum, *p)),
+    );
+    let reach = controls.iter().map(|p| norm(sub(*p, center))).fold(0.0, f64::max);
+    let size = if reach > 0.0 { reach } else { 1.0 };
+    let off = DMatrix::from_fn(count, 3, |row, axis| (controls[row][axis] - center[axis]) / size);
+    let svd = off.svd(true, true);
+    let least = FLAT * svd.singular_values.max();
+    let inverse = svd
+        .pseudo_inverse(least.max(f64::MIN_POSITIVE))
+        .unwrap_or_else(|_| DMatrix::zeros(3, count));
+    let mut fit = DMatrix::from_element(AFFINE, count, 1.0 / count as f64);
+    fit.rows_mut(1, 3).copy_from(&inverse);
+    (center, size, fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacements;
+    use nalgebra::{DVector, Rotation3, Vector3};
+    use planish_estimate::vector3::distance;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn random_points(count: usize, seed: u64, size: f64) -> Vec<[f64; 3]> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        (0..count)
+            .map(|_| std::array::from_fn(|_| random.random_range(-size..size)))
+            .collect()
+    }
+
+    /// Turns and moves all controls: every vertex does the same, inside the hull of the controls and far outside.
+    #[test]
+    fn rigid_motions_of_all_controls_move_every_vertex_rigidly() {
+        let grid: Vec<[f64; 3]> = (0..64)
+            .map(|k| [k % 4, k / 4 % 4, k / 16].map(|i| f64::from(i) - 1.5))
+            .collect();
+        let mut twice = random_points(20, 2, 1.0);
+        twice.extend(twice.clone());
+        let rotation = Rotation3::from_euler_angles(0.4, -1.1, 2.0);
+        let turned = |p: [f64; 3]| -> [f64; 3] { (rotation * Vector3::from(p) + Vector3::new(3.0, -1.0, 0.5)).into() };
+        let vertices = random_points(2000, 3, 4.0);
+        for controls in [random_points(200, 1, 1.0), grid, twice, random_points(4, 5, 1.0)] {
+            let made = Dirichlet::new(&controls, &vertices).unwrap();
+            let q = DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
+                let off = distance(add(*vertex, by), turned(*vertex));
+                assert!(off < 1e-9, "{vertex:?}: {off:e}");
+            }
+        }
+        // In the plane of coplanar controls, and on the line of collinear ones, too.
+        let flat: Vec<[f64; 3]> = random_points(30, 6, 1.0).iter().map(|p| [p[0], p[1], 0.25]).collect();
+        let line: Vec<[f64; 3]> = random_points(5, 7, 1.0)
+            .iter()
+            .map(|p| [p[0], 2.0 * p[0], -p[0]])
+            .collect();
+        let on_flat: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], p[1], 0.25]).collect();
+        let on_line: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], 2.0 * p[0], -p[0]]).collect();
+        for (controls, vertices) in [(flat, on_flat), (line, on_line)] {
+            let made = Dirichlet::new(&controls, &vertices).unwrap();
+            let q = DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
+                let off = distance(add(*vertex, by), turned(*vertex));
+                assert!(off < 1e-8, "{vertex:?}: {off:e}");
+            }
+        }
+    }
+
+    /// A control that moves takes the vertex at its place along, and none that is far from it.
+    #[test]
+    fn deformations_are_exact_at_controls_and_local() {
+        let controls = random_points(100, 9, 1.0);
+        let made = Dirichlet::new(&controls, &controls).unwrap();
+        let mut q = DVector::zeros(made.parameters());
+        q[3 * 17 + 1] = 1.0;
+        for (control, by) in displacements(&made, &q).into_iter().enumerate() {
+            let wanted = if control == 17 { [0.0, 1.0, 0.0] } else { [0.0; 3] };
+            assert!(distance(by, wanted) < 1e-12, "control {control}: {by:?}");
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Free-form deformation by a lattice of control points (T. Sederberg, S. Parry 1986): a box of polynomial or spline space.
+//!
+//! Comes in: vertices, and how many control points a lattice about them has along each axis. Goes out: `V = V0 + Σ B_i(u) B_j(v) B_k(w) ΔP_ijk`.
+//!
+//! Not guaranteed: anything for vertices outside of the box; there are none, as it is made around them.
+
+use super::Deformation;
+use planish_estimate::{Error, Result};
+use planish_mesh::BoundingBox;
+
+/// The functions of a lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LatticeBasis {
+    /// Bernstein polynomials, of a degree one below the number of points: every point moves everything.
+    Bernstein,
+    /// Uniform cubic B-splines: a point moves what is within two steps of it. At least four points along each axis.
+    CubicBSpline,
+}
+
+/// Vertices in a lattice.
+#[derive(Debug, Clone)]
+pub struct Lattice {
+    points: [usize; 3],
+    controls: Vec<[f64; 3]>,
+    /// For each vertex and axis the first function that is not zero there, and the values from it on.
+    values: Vec<[(u32, Vec<f64>); 3]>,
+}
+
+impl Lattice {
+    /// A lattice around vertices.
+    ///
+    /// # Errors
+    /// `Input` for fewer than two points along an axis (four for splines), more than a hundred thousand in all, or vertices that are not finite or none.
+    pub fn new(vertices: &[[f64; 3]], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
+        let fewest = match basis {
+            LatticeBasis::Bernstein => 2,
+            LatticeBasis::CubicBSpline => 4,
+        };
+        let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
+        if points.iter().any(|n| *n < fewest) || count > 100_000 {
+            return Err(Error::input(format!(
+                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most 100000 in all"
+            )));
+        }
+        let bounds = BoundingBox::of(vertices)
+            .filter(|b| {
+                b.min.iter().chain(&b.max).all(|x| x.is_finite()) && vertices.iter().flatten().all(|x| x.is_finite())
+            })
+            .ok_or_else(|| Error::input("a lattice needs finite vertices to stand around"))?;
+        let size = bounds.diagonal();
+        // A flat thing has a lattice as well.
+        let least = if size > 0.0 { 1e-3 * size } else { 1.0 };
+        let extent: [f64; 3] = std::array::from_fn(|k| (bounds.max[k] - bounds.min[k]).max(least));
+        let middle = bounds.center();
+        let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * extent[k]);
+        let place = |axis: usize, index: usize| {
+            // Where a control stands such that an affine motion of the controls is one of everything: Greville's abscissae.
+            let along = match basis {
+                LatticeBasis::Bernstein => index as f64 / (points[axis] - 1) as f64,
+                LatticeBasis::CubicBSpline => (index as f64 - 1.0) / (points[axis] - 3) as f64,
+            };
+            low[axis] + extent[axis] * along
+        };
+        let controls = (0..count)
+            .map(|n| {
+                let index = [n % points[0], n / points[0] % points[1], n / (points[0] * points[1])];
+                std::array::from_fn(|axis| place(axis, index[axis]))
+            })
+            .collect();
+        let values = vertices
+            .iter()
+            .map(|v| {
+                std::array::from_fn(|axis| {
+                    let along = ((v[axis] - low[axis]) / extent[axis]).clamp(0.0, 1.0);
+                    match basis {
+                        LatticeBasis::Bernstein => (0, bernstein(points[axis] - 1, along)),
+                        LatticeBasis::CubicBSpline => cubic_bspline(points[axis] - 3, along),
+                    }
+                })
+            })
+            .collect();
+        Ok(Self {
+            points,
+            controls,
+            values,
+        })
+    }
+}
+
+impl Deformation for Lattice {
+    fn parameters(&self) -> usize {
+        3 * self.controls.len()
+    }
+
+    fn vertices(&self) -> usize {
+        self.values.len()
+    }
+
+    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+        let [u, v, w] = &self.values[vertex as usize];
+        for (k, c) in w.1.iter().enumerate() {
+            for (j, b) in v.1.iter().enumerate() {
+                for (i, a) in u.1.iter().enumerate() {
+                    let [i, j, k] = [(u.0, i), (v.0, j), (w.0, k)].map(|(first, n)| first as usize + n);
+                    let control = i + self.points[0] * (j + self.points[1] * k);
+                    for (axis, d) in direction.into_iter().enumerate() {
+                        if d != 0.0 {
+                            visit(3 * control + axis, a * b * c * d);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn controls(&self) -> Option<&[[f64; 3]]> {
+        Some(&self.controls)
+    }
+}
+
+/// Bernstein polynomials of a degree, by de Casteljau's triangle.
+fn bernstein(degree: usize, t: f64) -> Vec<f64> {
+    let mut values = vec![0.0; degree + 1];
+    values[0] = 1.0;
+    for raised in 1..=degree {
+        for k in (0..=raised).rev() {
+            let below = if k > 0 { values[k - 1] } else { 0.0 };
+            values[k] = (1.0 - t) * values[k] + t * below;
+        }
+    }
+    values
+}
+
+/// The four uniform cubic B-splines over one of `spans` spans.
+fn cubic_bspline(spans: usize, along: f64) -> (u32, Vec<f64>) {
+    let at = along * spans as f64;
+    let span = (at as usize).min(spans - 1);
+    let t = at - span as f64;
+    let s = 1.0 - t;
+    let values = vec![
+        s * s * s / 6.0,
+        (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+        (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+        t * t * t / 6.0,
+    ];
+    (span as u32, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacements;
+    use nalgebra::DVector;
+    use planish_estimate::vector3::distance;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Any affine motion of the controls is that of every vertex.
+    #[test]
+    fn affine_motions_are_kept() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let vertices: Vec<[f64; 3]> = (0..500)
+            .map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0)))
+            .collect();
+        let moved = |[x, y, z]: [f64; 3]| [0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y];
+        for (basis, points) in [
+            (LatticeBasis::Bernstein, [3, 4, 2]),
+            (LatticeBasis::CubicBSpline, [4, 7, 5]),
+        ] {
+            let made = Lattice::new(&vertices, points, basis).unwrap();
+            let q = DVector::from_iterator(made.parameters(), made.controls.iter().flat_map(|p| moved(*p)));
+            for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
+                assert!(distance(by, moved(*vertex)) < 1e-12, "{vertex:?} {by:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn too_few_points_are_refused() {
+        let vertices = [[0.0; 3], [1.0; 3]];
+        for (basis, points) in [
+            (LatticeBasis::Bernstein, [1, 4, 2]),
+            (LatticeBasis::CubicBSpline, [3, 7, 5]),
+        ] {
+            assert!(
+                Lattice::new(&vertices, points, basis)
+                    .unwrap_err()
+                    .to_string()
+                    .contains("along each axis")
+            );
+        }
+        assert!(Lattice::new(&[], [2; 3], LatticeBasis::Bernstein).is_err());
+        // A flat thing has one.
+        assert!(Lattice::new(&[[0.0; 3], [1.0, 1.0, 0.0]], [2; 3], LatticeBasis::Bernstein).is_ok());
+    }
+}

@@ -1,0 +1,212 @@
+//! Deformations by principal modes of a family of meshes, and by every vertex on its own.
+//!
+//! Comes in: meshes of one connectivity, or nothing. Goes out: `V = V0 + Σ_m q_m M_m`, where a mode is as large as the family's standard deviation along it, so
+//! that `q` of a member of the family is a few ones (V. Blanz, T. Vetter 1999).
+//!
+//! Not guaranteed: that members of the family are brought into one pose; rotations between them are not linear and make many modes.
+
+use super::Deformation;
+use nalgebra::DMatrix;
+use planish_estimate::vector3::{add, scale, sub};
+use planish_estimate::{Error, Result};
+
+/// Modes with less than this share of the first one's standard deviation are rounding.
+const ROUNDING: f64 = 1e-7;
+
+/// Principal modes.
+#[derive(Debug, Clone)]
+pub struct Modes {
+    mean: Vec<[f64; 3]>,
+    /// For each mode the displacement of each vertex.
+    modes: Vec<Vec<[f64; 3]>>,
+    deviations: Vec<f64>,
+}
+
+impl Modes {
+    /// The largest modes of a family, at most `most`. Positions are those of one vertex in every member.
+    ///
+    /// # Errors
+    /// `Input` for fewer than two members, or members of different numbers of vertices; `Undetermined` where all are the same.
+    pub fn of(family: &[Vec<[f64; 3]>], most: usize) -> Result<Self> {
+        let Some(first) = family.first().filter(|_| family.len() > 1) else {
+            return Err(Error::input("principal modes need at least two meshes"));
+        };
+        if let Some(other) = family.iter().position(|member| member.len() != first.len()) {
+            return Err(Error::input(format!(
+                "mesh {other} of the family has {} vertices, the first has {}",
+                family[other].len(),
+                first.len()
+            )));
+        }
+        let count = family.len();
+        let mean: Vec<[f64; 3]> = (0..first.len())
+            .map(|v| {
+                scale(
+                    1.0 / count as f64,
+                    family.iter().fold([0.0; 3], |sum, member| add(sum, member[v])),
+                )
+            })
+            .collect();
+        let off: Vec<Vec<[f64; 3]>> = (family.iter())
+            .map(|member| member.iter().zip(&mean).map(|(p, m)| sub(*p, *m)).collect())
+            .collect();
+        // Few meshes of many vertices: the small matrix of their products has the same eigenvalues.
+        let products = DMatrix::from_fn(count, count, |i, j| {
+            let pairs = off[i].iter().zip(&off[j]);
+            pairs
+                .map(|(a, b)| (0..3).map(|k| a[k] * b[k]).sum::<f64>())
+                .sum::<f64>()
+                / (count - 1) as f64
+        });
+        let eigen = products.symmetric_eigen();
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let deviation = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
+        let largest = deviation(order[0]);
+        if largest == 0.0 || !largest.is_finite() {
+            return Err(Error::undetermined(
+                "the meshes of the family are all the same: there are no modes",
+            ));
+        }
+        order.retain(|&k| deviation(k) > ROUNDING * largest);
+        order.truncate(most.min(count - 1));
+        let modes = (order.iter())
+            .map(|&k| {
+                // The member of unit product, then as long as one standard deviation.
+                let factor = 1.0 / ((count - 1) as f64).sqrt();
+                (0..first.len())
+                    .map(|v| {
+                        let sum = (0..count).fold([0.0; 3], |sum, i| {
+                            add(sum, scale(eigen.eigenvectors[(i, k)], off[i][v]))
+                        });
+                        scale(factor, sum)
+                    })
+                    .collect()
+            })
+            .collect();
+        Ok(Self {
+            mean,
+            modes,
+            deviations: order.iter().map(|&k| deviation(k)).collect(),
+        })
+    }
+
+    /// The family's mean, which is to be `V0`.
+    #[must_use]
+    pub fn mean(&self) -> &[[f64; 3]] {
+        &self.mean
+    }
+
+    /// The family's standard deviation along each mode: the root of the mean sum of squares over all vertices.
+    #[must_use]
+    pub fn deviations(&self) -> &[f64] {
+        &self.deviations
+    }
+}
+
+impl Deformation for Modes {
+    fn parameters(&self) -> usize {
+        self.modes.len()
+    }
+
+    fn vertices(&self) -> usize {
+        self.mean.len()
+    }
+
+    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+        for (m, mode) in self.modes.iter().enumerate() {
+            let by = mode[vertex as usize];
+            visit(m, (0..3).map(|k| by[k] * direction[k]).sum());
+        }
+    }
+}
+
+/// Every vertex on its own.
+#[derive(Debug, Clone)]
+pub struct VertexDisplacements {
+    vertices: Vec<[f64; 3]>,
+}
+
+impl VertexDisplacements {
+    /// Three parameters for each of these vertices.
+    #[must_use]
+    pub fn new(vertices: &[[f64; 3]]) -> Self {
+        Self {
+            vertices: vertices.to_vec(),
+        }
+    }
+}
+
+impl Deformation for VertexDisplacements {
+    fn parameters(&self) -> usize {
+        3 * self.vertices.len()
+    }
+
+    fn vertices(&self) -> usize {
+        self.vertices.len()
+    }
+
+    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+        for (axis, d) in direction.into_iter().enumerate() {
+            visit(3 * vertex as usize + axis, d);
+        }
+    }
+
+    fn controls(&self) -> Option<&[[f64; 3]]> {
+        Some(&self.vertices)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacements;
+    use nalgebra::DVector;
+    use planish_estimate::vector3::distance;
+    use planish_mesh::icosphere;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// A family that is stretched two ways has two modes, which give every member back.
+    #[test]
+    fn a_family_of_two_directions_has_two_modes() {
+        let ball = icosphere(1.0, 2).positions;
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let family: Vec<Vec<[f64; 3]>> = (0..12)
+            .map(|_| {
+                let [a, b] = [0.5, 0.1].map(|size| 1.0 + size * random.random_range(-1.0..1.0));
+                ball.iter().map(|p| [a * p[0], b * p[1], p[2]]).collect()
+            })
+            .collect();
+        let modes = Modes::of(&family, 10).unwrap();
+        assert_eq!(modes.parameters(), 2);
+        let [first, second] = [0, 1].map(|k| modes.deviations()[k]);
+        assert!(first > 2.0 * second);
+        for member in &family {
+            let q = DVector::from_fn(2, |m, _| {
+                let mode = &modes.modes[m];
+                let along: f64 = (mode.iter().zip(member).zip(modes.mean()))
+                    .map(|((d, p), mean)| (0..3).map(|k| d[k] * (p[k] - mean[k])).sum::<f64>())
+                    .sum();
+                along / modes.deviations()[m].powi(2)
+            });
+            assert!(q.amax() < 3.5);
+            for ((by, mean), p) in displacements(&modes, &q).iter().zip(modes.mean()).zip(member) {
+                assert!(distance(add(*mean, *by), *p) < 1e-9);
+            }
+        }
+        assert!(Modes::of(&family[..1], 3).is_err());
+        assert!(
+            Modes::of(&[ball.clone(), ball.clone()], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("the same")
+        );
+        assert!(
+            Modes::of(&[ball.clone(), vec![[0.0; 3]]], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("mesh 1")
+        );
+    }
+}

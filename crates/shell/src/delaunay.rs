@@ -1,0 +1,371 @@
+//! Delaunay tetrahedra of points in space.
+//!
+//! Comes in: a box, and points strictly inside of it, one after the other. Goes out: tetrahedra whose circumspheres hold no other point; those whose
+//! circumsphere holds a place that is asked for.
+//!
+//! Incremental (A. Bowyer 1981; D. F. Watson 1981) on predicates that are exact (J. R. Shewchuk 1997). What is replaced are the tetrahedra whose
+//! circumsphere holds the new point *strictly* inside. If the plane of a face at the border of what is replaced held the new point, the point would be strictly inside the face's
+//! circumcircle, and so in the sphere on the other side as well, and the face would be no border. No tetrahedron is ever flat, therefore, on grids and among
+//! cospherical points neither, and nothing has to be perturbed. Points inside the box never ask for a hull.
+//!
+//! Not guaranteed: which of several triangulations comes out where five points lie on an empty sphere.
+
+use planish_estimate::{Error, Result};
+use planish_mesh::BoundingBox;
+use robust::{Coord3D, insphere, orient3d};
+use std::collections::HashMap;
+
+/// No neighbour: a face of the box. No corner: no tetrahedron.
+const OUTSIDE: u32 = u32::MAX;
+/// Faces of a tetrahedron: the one opposite each corner, counter-clockwise seen from outside, so that `orient3d(face, corner)` is positive.
+pub(crate) const FACES: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
+
+/// Four points, and the tetrahedra across the faces opposite to them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tetrahedron {
+    pub corners: [u32; 4],
+    pub neighbours: [u32; 4],
+}
+
+/// A face at the border of a cavity.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BorderFace {
+    /// Its corners, so that the cavity is on the positive side.
+    pub corners: [u32; 3],
+    /// The tetrahedron of the cavity that it belongs to.
+    pub inside: u32,
+    outside: u32,
+}
+
+/// What one search for a cavity leaves to the next: no allocation for each.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Cavity {
+    /// Tetrahedra whose circumsphere holds the place strictly inside.
+    pub tetrahedra: Vec<u32>,
+    pub border: Vec<BorderFace>,
+    /// Searches so far, and the search that last looked at each tetrahedron and whether it is in conflict.
+    search: u32,
+    looked: Vec<(u32, bool)>,
+}
+
+/// Tetrahedra over points in a box. The first eight points are the corners of the box.
+#[derive(Debug, Clone)]
+pub struct Delaunay {
+    points: Vec<[f64; 3]>,
+    tetrahedra: Vec<Tetrahedron>,
+    /// Places in the list that hold no tetrahedron: a cavity may have held more than it holds now.
+    free: Vec<u32>,
+    /// Where the last point went in: the next is looked for from there.
+    last: u32,
+    scratch: Cavity,
+}
+
+impl Delaunay {
+    /// The empty box.
+    ///
+    /// # Errors
+    /// `Input` for a box without volume or with corners that are not finite.
+    pub fn new(bounds: &BoundingBox) -> Result<Self> {
+        let [low, high] = [bounds.min, bounds.max];
+        if (0..3).any(|k| !(low[k].is_finite() && high[k].is_finite() && low[k] < high[k])) {
+            return Err(Error::input("the box of a triangulation needs a volume"));
+        }
+        let points: Vec<[f64; 3]> = (0..8)
+            .map(|corner| std::array::from_fn(|k| if corner >> k & 1 == 1 { high[k] } else { low[k] }))
+            .collect();
+        // Six tetrahedra about the diagonal from corner 0 to corner 7, one for each order of the axes: H. W. Kuhn 1960.
+        const AXES: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
+        let tetrahedra: Vec<Tetrahedron> = (AXES.iter())
+            .map(|&[a, b, _]| {
+                let (second, third) = (1 << a, 1 << a | 1 << b);
+                let mut corners = [0, second, third, 7];
+                if orientation(&points, corners) < 0.0 {
+                    corners.swap(1, 2);
+                }
+                Tetrahedron {
+                    corners,
+                    neighbours: [OUTSIDE; 4],
+                }
+            })
+            .collect();
+        let mut made = Self {
+            points,
+            tetrahedra,
+            free: Vec::new(),
+            last: 0,
+            scratch: Cavity::default(),
+        };
+        made.link_all();
+        Ok(made)
+    }
+
+    /// Points: the corners of the box first, then what was put in, in that order.
+    #[must_use]
+    pub fn points(&self) -> &[[f64; 3]] {
+        &self.points
+    }
+
+    /// Corners of every tetrahedron, each positively oriented.
+    #[must_use]
+    pub fn tetrahedra(&self) -> Vec<[u32; 4]> {
+        self.living().map(|(_, t)| t.corners).collect()
+    }
+
+    fn living(&self) -> impl Iterator<Item = (usize, &Tetrahedron)> {
+        (self.tetrahedra.iter().enumerate()).filter(|(_, t)| t.corners[0] != OUTSIDE)
+    }
+
+    pub(crate) fn corners(&self, tetrahedron: u32) -> [u32; 4] {
+        self.tetrahedra[tetrahedron as usize].corners
+    }
+
+    pub(crate) fn neighbours(&self, tetrahedron: u32) -> [u32; 4] {
+        self.tetrahedra[tetrahedron as usize].neighbours
+    }
+
+    /// Whether a place is strictly inside the box.
+    #[must_use]
+    pub fn holds(&self, at: [f64; 3]) -> bool {
+        (0..3).all(|k| self.points[0][k] < at[k] && at[k] < self.points[7][k])
+    }
+
+    /// Puts a point in; its index. A point that is there already keeps its index.
+    ///
+    /// # Errors
+    /// `Input` for a point that is not strictly inside the box.
+    pub fn insert(&mut self, at: [f64; 3]) -> Result<u32> {
+        if !self.holds(at) {
+            return Err(Error::input(format!(
+                "{at:?} is not inside the box of the triangulation, from {:?} to {:?}",
+                self.points[0], self.points[7]
+            )));
+        }
+        let start = self.locate(at, self.last);
+        let same = (self.corners(start).into_iter()).find(|&c| self.points[c as usize] == at);
+        if let Some(same) = same {
+            return Ok(same);
+        }
+        let mut cavity = std::mem::take(&mut self.scratch);
+        self.cavity(at, start, &mut cavity);
+        let new = self.points.len() as u32;
+        self.points.push(at);
+        self.fill(new, &cavity);
+        self.scratch = cavity;
+        Ok(new)
+    }
+
+    /// The tetrahedron that holds a place, by walking from another towards it: the walk ends, as the tetrahedra are Delaunay's (H. Edelsbrunner 1990).
+    pub(crate) fn locate(&self, at: [f64; 3], start: u32) -> u32 {
+        let mut here = start;
+        loop {
+            let t = &self.tetrahedra[here as usize];
+            let away =
+                (0..4).find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
+            match away {
+                Some(k) => here = t.neighbours[k],
+                None => return here,
+            }
+        }
+    }
+
+    /// Tetrahedra whose circumsphere holds the place strictly inside, and the faces around them. The place is in `start`, and no corner of it.
+    pub(crate) fn cavity(&self, at: [f64; 3], start: u32, cavity: &mut Cavity) {
+        cavity.search += 1;
+        cavity.looked.resize(self.tetrahedra.len(), (0, false));
+        let search = cavity.search;
+        cavity.tetrahedra.clear();
+        cavity.border.clear();
+        cavity.tetrahedra.push(start);
+        cavity.looked[start as usize] = (search, true);
+        let mut next = 0;
+        while let Some(&inside) = cavity.tetrahedra.get(next) {
+            next += 1;
+            let t = self.tetrahedra[inside as usize];
+            for k in 0..4 {
+                let outside = t.neighbours[k];
+                let in_conflict = outside != OUTSIDE && {
+                    let (when, answer) = cavity.looked[outside as usize];
+                    if when == search {
+                        answer
+                    } else {
+                        let answer = self.in_conflict(outside, at);
+                        cavity.looked[outside as usize] = (search, answer);
+                        if answer {
+                            cavity.tetrahedra.push(outside);
+                        }
+                        answer
+                    }
+                };
+                if !in_conflict {
+                    cavity.border.push(BorderFace {
+                        corners: FACES[k].map(|c| t.corners[c]),
+                        inside,
+                        outside,
+                    });
+                }
+            }
+        }
+    }
+
+    fn in_conflict(&self, tetrahedron: u32, at: [f64; 3]) -> bool {
+        let [a, b, c, d] = self.corners(tetrahedron).map(|c| coordinates(self.points[c as usize]));
+        insphere(a, b, c, d, coordinates(at)) > 0.0
+    }
+
+    fn side(&self, face: [u32; 3], at: [f64; 3]) -> f64 {
+        let [a, b, c] = face.map(|c| coordinates(self.points[c as usize]));
+        orient3d(a, b, c, coordinates(at))
+    }
+
+    /// Replaces a cavity by the tetrahedra of its border and a new point.
+    fn fill(&mut self, new: u32, cavity: &Cavity) {
+        for &t in &cavity.tetrahedra {
+            self.tetrahedra[t as usize].corners = [OUTSIDE; 4];
+        }
+        self.free.extend(&cavity.tetrahedra);
+        // Each face that holds the new point is met twice: by its two other corners.
+        let mut open: HashMap<[u32; 2], (u32, usize)> = HashMap::with_capacity(2 * cavity.border.len());
+        for face in &cavity.border {
+            let [a, b, c] = face.corners;
+            let made = Tetrahedron {
+                corners: [a, b, c, new],
+                neighbours: [OUTSIDE, OUTSIDE, OUTSIDE, face.outside],
+            };
+            let at = match self.free.pop() {
+                Some(at) => {
+                    self.tetrahedra[at as usize] = made;
+                    at
+                }
+                None => {
+                    self.tetrahedra.push(made);
+                    (self.tetrahedra.len() - 1) as u32
+                }
+            };
+            self.last = at;
+            if face.outside != OUTSIDE {
+                let across = &mut self.tetrahedra[face.outside as usize];
+                let side = (0..4).find(|&k| !face.corners.contains(&across.corners[k]));
+                if let Some(side) = side {
+                    across.neighbours[side] = at;
+                }
+            }
+            for (k, edge) in [[b, c], [a, c], [a, b]].into_iter().enumerate() {
+                let key = [edge[0].min(edge[1]), edge[0].max(edge[1])];
+                match open.remove(&key) {
+                    Some((other, side)) => {
+                        self.tetrahedra[at as usize].neighbours[k] = other;
+                        self.tetrahedra[other as usize].neighbours[side] = at;
+                    }
+                    None => {
+                        open.insert(key, (at, k));
+                    }
+                }
+            }
+        }
+        debug_assert!(open.is_empty(), "a cavity is a ball");
+    }
+
+    fn link_all(&mut self) {
+        let mut open: HashMap<[u32; 3], (usize, usize)> = HashMap::new();
+        for t in 0..self.tetrahedra.len() {
+            for (k, face) in FACES.iter().enumerate() {
+                let mut key = face.map(|c| self.tetrahedra[t].corners[c]);
+                key.sort_unstable();
+                if let Some((other, side)) = open.remove(&key) {
+                    self.tetrahedra[t].neighbours[k] = other as u32;
+                    self.tetrahedra[other].neighbours[side] = t as u32;
+                } else {
+                    open.insert(key, (t, k));
+                }
+            }
+        }
+    }
+}
+
+fn coordinates([x, y, z]: [f64; 3]) -> Coord3D<f64> {
+    Coord3D { x, y, z }
+}
+
+fn orientation(points: &[[f64; 3]], corners: [u32; 4]) -> f64 {
+    let [a, b, c, d] = corners.map(|c| coordinates(points[c as usize]));
+    orient3d(a, b, c, d)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn unit_box() -> BoundingBox {
+        BoundingBox {
+            min: [-1.0; 3],
+            max: [2.0; 3],
+        }
+    }
+
+    /// Every tetrahedron has a volume, they fill the box, neighbours know each other, and no circumsphere holds a point.
+    fn judge(made: &Delaunay) {
+        let mut volume = 0.0;
+        for (t, tetrahedron) in made.living() {
+            let [a, b, c, d] = tetrahedron.corners.map(|c| coordinates(made.points[c as usize]));
+            let six = orient3d(a, b, c, d);
+            assert!(six > 0.0, "{tetrahedron:?} is flat or turned");
+            volume += six / 6.0;
+            for point in &made.points {
+                assert!(insphere(a, b, c, d, coordinates(*point)) <= 0.0);
+            }
+            for k in (0..4).filter(|&k| tetrahedron.neighbours[k] != OUTSIDE) {
+                let across = &made.tetrahedra[tetrahedron.neighbours[k] as usize];
+                assert!(across.neighbours.contains(&(t as u32)));
+                let face = FACES[k].map(|c| tetrahedron.corners[c]);
+                assert!(face.iter().all(|c| across.corners.contains(c)));
+            }
+        }
+        assert!((volume - 27.0).abs() < 1e-9, "{volume}");
+    }
+
+    #[test]
+    fn random_points_grids_and_duplicates_are_triangulated() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut made = Delaunay::new(&unit_box()).unwrap();
+        for _ in 0..300 {
+            made.insert(std::array::from_fn(|_| random.random_range(0.0..1.0)))
+                .unwrap();
+        }
+        judge(&made);
+        let mut grid = Delaunay::new(&unit_box()).unwrap();
+        for k in 0..216 {
+            let at = [k % 6, k / 6 % 6, k / 36].map(|i| f64::from(i) / 5.0);
+            assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
+            assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
+        }
+        judge(&grid);
+        // On the faces, edges and diagonals of what is there already.
+        let mut halves = Delaunay::new(&unit_box()).unwrap();
+        for at in [
+            [0.5; 3],
+            [0.5, 0.5, 0.0],
+            [0.5, 0.0, 0.0],
+            [-0.25; 3],
+            [0.5, 0.5, 1.25],
+            [1.25, 0.5, 0.5],
+        ] {
+            halves.insert(at).unwrap();
+            judge(&halves);
+        }
+    }
+
+    #[test]
+    fn what_is_not_inside_is_refused() {
+        let mut made = Delaunay::new(&unit_box()).unwrap();
+        for at in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.0, 0.0, 7.0]] {
+            assert!(made.insert(at).unwrap_err().to_string().contains("box"));
+        }
+        let flat = BoundingBox {
+            min: [0.0; 3],
+            max: [1.0, 0.0, 1.0],
+        };
+        assert!(Delaunay::new(&flat).is_err());
+    }
+}

@@ -1,0 +1,255 @@
+use super::*;
+use planish_mesh::{MeshSearch, grid_sheet, icosphere};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A bumpy ball with an inconsistent facet, one without area, and one that stands alone.
+fn rough_mesh() -> TriangleMesh {
+    let mut mesh = icosphere(1.0, 2);
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    for p in &mut mesh.positions {
+        let factor = random.random_range(0.9..1.1);
+        *p = p.map(|x| factor * x);
+    }
+    mesh.triangles[7].swap(0, 1);
+    mesh.triangles.push([0, 0, 5]);
+    mesh
+}
+
+fn places(count: usize, seed: u64) -> Vec<[f64; 3]> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|_| std::array::from_fn(|_| random.random_range(-1.5..1.5)))
+        .collect()
+}
+
+/// The law of the Jacobians: derivatives by the place and by every vertex are those of differences, at a thousand random states.
+#[test]
+fn derivatives_are_those_of_differences() {
+    let step = 1e-6;
+    for metaball in [Metaball::Triangular, Metaball::Spherical] {
+        let mesh = rough_mesh();
+        let options = ShellOptions {
+            reach: Some(40.0),
+            ..ShellOptions::new(metaball, 6.0)
+        };
+        let shell = Shell::new(&mesh, &options).unwrap();
+        let mut shares = Vec::new();
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for at in places(1000, 4) {
+            let made = shell.distance(at, &mut shares).unwrap();
+            let mut by_vertex = vec![[0.0; 3]; mesh.positions.len()];
+            shell.by_vertices(at, &shares, &made, |vertex, by| {
+                by_vertex[vertex as usize] = planish_estimate::vector3::add(by_vertex[vertex as usize], by);
+            });
+            // The sign is that of the nearest facet, and flips halfway between two: no derivative there.
+            let same_side = |other: &ShellDistance| other.facet == made.facet;
+            for axis in 0..3 {
+                let [up, down] = [step, -step].map(|by| {
+                    let mut at = at;
+                    at[axis] += by;
+                    shell.distance(at, &mut Vec::new()).unwrap()
+                });
+                if same_side(&up) && same_side(&down) {
+                    let difference = (up.distance - down.distance) / (2.0 * step);
+                    assert!(
+                        (difference - made.gradient[axis]).abs() < 1e-4,
+                        "{at:?}: {difference} {:?}",
+                        made.gradient
+                    );
+                }
+            }
+            let (vertex, axis) = (
+                random.random_range(0..mesh.positions.len()),
+                random.random_range(0..3_usize),
+            );
+            let [up, down] = [step, -step].map(|by| {
+                let mut mesh = mesh.clone();
+                mesh.positions[vertex][axis] += by;
+                Shell::new(&mesh, &options)
+                    .unwrap()
+                    .distance(at, &mut Vec::new())
+                    .unwrap()
+            });
+            if same_side(&up) && same_side(&down) {
+                let difference = (up.distance - down.distance) / (2.0 * step);
+                let stated = by_vertex[vertex][axis];
+                assert!(
+                    (difference - stated).abs() < 1e-4,
+                    "{metaball:?} {at:?} {vertex}: {difference} {stated}"
+                );
+            }
+            let hessian = shell.hessian(at, &shares, &made);
+            let [up, down] =
+                [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
+            // Over an edge's border the curvature of the distance jumps.
+            let near_jump = shares
+                .iter()
+                .any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
+            if same_side(&up) && same_side(&down) && !(near_jump && metaball == Metaball::Triangular) {
+                for row in 0..3 {
+                    let difference = (up.gradient[row] - down.gradient[row]) / (2.0 * step);
+                    let off = (difference - hessian[(row, 0)]).abs();
+                    assert!(off < 1e-3 * (1.0 + hessian.norm()), "{at:?}: {difference} {hessian}");
+                }
+                assert!((hessian - hessian.transpose()).norm() < 1e-9 * hessian.norm());
+            }
+        }
+    }
+}
+
+/// A translation of the whole mesh is one of the place, backwards: what the vertices say adds up to what the place says.
+#[test]
+fn moving_all_vertices_is_moving_the_place_backwards() {
+    for metaball in [Metaball::Triangular, Metaball::Spherical] {
+        let mesh = rough_mesh();
+        let shell = Shell::new(&mesh, &ShellOptions::new(metaball, 10.0)).unwrap();
+        let mut shares = Vec::new();
+        for at in places(200, 9) {
+            let made = shell.distance(at, &mut shares).unwrap();
+            let mut sum = made.gradient;
+            shell.by_vertices(at, &shares, &made, |_, by| {
+                sum = planish_estimate::vector3::add(sum, by)
+            });
+            assert!(norm(sum) < 1e-9, "{at:?}: {sum:?}");
+        }
+    }
+}
+
+/// On a plane spherical metaballs have no thickness and no bulge, triangular ones at most `ln(n)/k` of it, and the paper's shell lies at `d0 − ln(T)/k` of one facet.
+#[test]
+fn thickness_and_bulge_are_as_stated() {
+    let sheet = grid_sheet(4.0, 4.0, 40, 40);
+    let k = 12.0;
+    let spherical = Shell::new(&sheet, &ShellOptions::new(Metaball::Spherical, k)).unwrap();
+    let triangular = Shell::new(&sheet, &ShellOptions::new(Metaball::Triangular, k)).unwrap();
+    let middle = sheet
+        .positions
+        .iter()
+        .fold([0.0; 3], |sum, p| planish_estimate::vector3::add(sum, *p));
+    let middle = scale(1.0 / sheet.positions.len() as f64, middle);
+    for height in [0.0, 0.01, 0.2, 1.0] {
+        let at = [middle[0] + 0.013, middle[1] + 0.027, middle[2] + height];
+        for shell in [&spherical, &triangular] {
+            let made = shell.distance(at, &mut Vec::new()).unwrap();
+            assert!((made.distance.abs() - height).abs() < 1e-12);
+        }
+        // The paper's sum has both: where it says that the shell is, D is still half a unit away.
+        assert!(triangular.field(at) < -1.0 || height > 0.2);
+    }
+    let one = TriangleMesh {
+        positions: vec![[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]],
+        triangles: vec![[0, 1, 2]],
+    };
+    let options = ShellOptions {
+        thickness: 0.5,
+        threshold: 0.7,
+        ..ShellOptions::new(Metaball::Triangular, 3.0)
+    };
+    let shell = Shell::new(&one, &options).unwrap();
+    let sheet_at = options.thickness - options.threshold.ln() / options.sharpness;
+    for side in [1.0, -1.0] {
+        assert!(shell.field([2.0, 2.0, side * sheet_at]).abs() < 1e-12);
+        assert!(shell.field([2.0, 2.0, side * 0.9 * sheet_at]) < 0.0);
+    }
+}
+
+/// Sharp enough, the field's distance is the mesh's over faces, with a gradient of length one, and nothing over- or underflows far away.
+#[test]
+fn sharp_shells_are_as_far_as_the_mesh() {
+    let mesh = icosphere(1.0, 3);
+    let search = MeshSearch::try_new(&mesh).unwrap();
+    let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 1e5)).unwrap();
+    let (mut compared, mut all) = (0, 0);
+    for at in places(300, 2) {
+        let made = shell.distance(at, &mut Vec::new()).unwrap();
+        let closest = search.closest(at).unwrap();
+        all += 1;
+        if closest.feature == planish_mesh::Feature::Face && closest.barycentric.iter().all(|b| *b > 0.1) {
+            compared += 1;
+            assert!(
+                (made.distance - closest.signed_distance).abs() < 1e-3,
+                "{at:?} {made:?} {closest:?}"
+            );
+            assert!((norm(made.gradient) - 1.0).abs() < 1e-2);
+        }
+    }
+    assert!(compared * 5 > all, "{compared} of {all}");
+    for at in [[1e6, 2e6, -3e6], [1e-3, 0.0, 0.0]] {
+        let made = shell.distance(at, &mut Vec::new()).unwrap();
+        assert!(made.distance.is_finite() && made.gradient.iter().all(|x| x.is_finite()));
+    }
+    assert!(shell.distance([f64::NAN, 0.0, 0.0], &mut Vec::new()).is_none());
+}
+
+/// What is left out is less than what may be: against the sum over everything.
+#[test]
+fn what_is_left_out_is_less_than_stated() {
+    let mesh = rough_mesh();
+    for metaball in [Metaball::Triangular, Metaball::Spherical] {
+        let shell_of = |reach: f64| {
+            let options = ShellOptions {
+                reach: Some(reach),
+                ..ShellOptions::new(metaball, 20.0)
+            };
+            Shell::new(&mesh, &options).unwrap()
+        };
+        let others = 1e3 * mesh.triangles.len() as f64;
+        let (coarse, whole) = (shell_of((others / 1e-3).ln()), shell_of(700.0));
+        for at in places(300, 12) {
+            let [a, b] = [&coarse, &whole].map(|shell| shell.distance(at, &mut Vec::new()).unwrap());
+            assert_eq!(a.facet, b.facet);
+            // Heights differ by the size of the thing at most.
+            assert!((a.distance - b.distance).abs() < 1e-3 * 4.0, "{a:?} {b:?}");
+        }
+    }
+}
+
+/// Pieces lie on their facets, are as small as asked for, and cover the same area.
+#[test]
+fn subdivision_keeps_the_surface() {
+    let mesh = rough_mesh();
+    let (fine, origins) = subdivided(&mesh, 0.05, 1_000_000);
+    let area = |mesh: &TriangleMesh| {
+        (0..mesh.triangles.len())
+            .map(|t| {
+                let [a, b, c] = mesh.corners(t);
+                0.5 * norm(cross(sub(b, a), sub(c, a)))
+            })
+            .sum::<f64>()
+    };
+    assert!((area(&fine) - area(&mesh)).abs() < 1e-9);
+    for t in 0..fine.triangles.len() {
+        assert!(skeleton(&fine.corners(t)).radius <= 0.05);
+    }
+    for (position, origin) in fine.positions.iter().zip(&origins) {
+        let again = origin.iter().fold([0.0; 3], |sum, (v, w)| {
+            planish_estimate::vector3::add_scaled(sum, *w, mesh.positions[*v as usize])
+        });
+        assert!(distance(again, *position) < 1e-12);
+    }
+    let (bounded, _) = subdivided(&mesh, 1e-4, 5000);
+    assert!(bounded.triangles.len() <= 5000);
+}
+
+#[test]
+fn odd_meshes_and_options_are_refused() {
+    let mesh = icosphere(1.0, 1);
+    let refused = |mesh: &TriangleMesh, options: ShellOptions| Shell::new(mesh, &options).unwrap_err().to_string();
+    assert!(
+        refused(&TriangleMesh::default(), ShellOptions::new(Metaball::Triangular, 1.0)).contains("without triangles")
+    );
+    for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(refused(&mesh, ShellOptions::new(Metaball::Triangular, k)).contains("sharpness"));
+    }
+    let line = TriangleMesh {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0]],
+        triangles: vec![[0, 1, 1]],
+    };
+    assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
+    let nowhere = ShellOptions {
+        reach: Some(f64::NAN),
+        ..ShellOptions::new(Metaball::Triangular, 1.0)
+    };
+    assert!(refused(&mesh, nowhere).contains("reach"));
+}

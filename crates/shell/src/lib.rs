@@ -1,0 +1,21 @@
+//! Implicit shells: any triangle mesh wrapped in a smooth field, deformed by a handful of control points, fitted and posed.
+//!
+//! Comes in: a mesh, control points, and points or silhouettes of a real thing. Goes out: the mesh, moved.
+//! Source: S. Ilic, P. Fua, "From explicit to implicit surfaces for visualization, animation and modeling", 2003.
+//!
+//! Not guaranteed: that a deformed mesh does not cross itself.
+
+mod controls;
+mod deformation;
+mod delaunay;
+mod field;
+mod fit;
+mod natural_neighbour;
+mod skeleton;
+
+pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
+pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
+pub use delaunay::Delaunay;
+pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
+pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
+pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -1,0 +1,458 @@
+//! Natural-neighbour coordinates in space (R. Sibson 1980): which points around a place influence it, and by how much.
+//!
+//! Comes in: sites in a box. Goes out: for a place `x` weights `w_j ≥ 0` of its natural neighbours with `Σ w_j = 1` and `Σ w_j p_j = x`, and `w_j(p_j) = 1`.
+//!
+//! `w_j` is the share of the Voronoi cell that `x` would have which belonged to `p_j` before. The part `R_j` taken from `p_j` is a convex polytope; its faces lie on
+//! the bisectors of `p_j` with `x` and with other neighbours, and their corners are circumcentres of tetrahedra: of the old ones where those are in conflict with `x`,
+//! and of the new ones over the border of these. By the divergence theorem with `x` for origin,
+//!
+//! `6 |R_j| = Σ_k m_jk · S_jk`,
+//!
+//! with `m` the middle of the two points and `S = Σ p × q` twice the vector area of the face, a sum over its sides `pq`. A side belongs to the three faces dual to the edges
+//! of one triangle, so that a loop over triangles adds up everything without any polygon being put in order. All lengths in it are those of
+//! the new cell and no determinant of `x` with a face of an old tetrahedron occurs (as in D. F. Watson's formula, which is 0/0 where `x` is in the plane of one).
+//!
+//! What rounding leaves is taken off by the smallest relative change of the weights that makes both sums exact.
+
+use crate::delaunay::{BorderFace, Cavity, Delaunay, FACES};
+use nalgebra::{Matrix4, Vector4};
+use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::BoundingBox;
+use rayon::prelude::*;
+
+/// The box about everything, as a multiple of its size.
+const BOX: f64 = 2.0;
+/// A place nearer to a site than this share of the box is the site.
+const SAME: f64 = 1e-13;
+/// Sites nearer to each other than this share of the box are one.
+const MERGED: f64 = 1e-12;
+/// Corners of the box, which are sites as well.
+pub(crate) const BOX_CORNERS: usize = 8;
+/// Places that one thread takes at a time: each goes on searching from where the last one was.
+const PLACES_AT_ONCE: usize = 256;
+
+/// How much a site influences a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weight {
+    /// Index of the site: the eight corners of the box first, then the distinct points in the order given.
+    pub site: u32,
+    /// Its weight, from 0 to 1.
+    pub weight: f64,
+}
+
+/// Sites in a box, ready for places to be asked for.
+///
+/// # Examples
+/// ```
+/// use planish_shell::NaturalNeighbours;
+/// let sites = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]];
+/// let neighbours = NaturalNeighbours::new(&sites, &[])?;
+/// let place = [0.3, 0.4, 0.5];
+/// let weights = neighbours.weights(place)?;
+/// for axis in 0..3 {
+///     let sum: f64 = weights.iter().map(|w| w.weight * neighbours.site(w.site)[axis]).sum();
+///     assert!((sum - place[axis]).abs() < 1e-12);
+/// }
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct NaturalNeighbours {
+    delaunay: Delaunay,
+    site_of: Vec<u32>,
+    size: f64,
+}
+
+/// Room that one query leaves to the next.
+#[derive(Default)]
+struct Query {
+    cavity: Cavity,
+    /// Circumcentres of the tetrahedra in conflict and of the new ones over the border, from the place.
+    old_centers: Vec<[f64; 3]>,
+    new_centers: Vec<[f64; 3]>,
+    /// For each tetrahedron its place in the cavity, where it is in it.
+    place_in_cavity: Vec<u32>,
+    /// Volumes, by site; zero but during a query.
+    volumes: Vec<f64>,
+    touched: Vec<u32>,
+    edges: Vec<([u32; 2], u32, bool)>,
+    last: u32,
+}
+
+impl NaturalNeighbours {
+    /// Sites in a box that holds them and the places `also`, twice as large as both. Its corners are sites 0 to 7. Points that coincide are one site.
+    ///
+    /// # Errors
+    /// `Input` for points that are not finite, or none at all.
+    pub fn new(points: &[[f64; 3]], also: &[[f64; 3]]) -> Result<Self> {
+        for (k, point) in points.iter().enumerate() {
+            if point.iter().any(|x| !x.is_finite()) {
+                return Err(Error::input(format!("control point {k} is not finite: {point:?}")));
+            }
+        }
+        let bounds = BoundingBox::around(points.iter().chain(also).copied())
+            .filter(|_| !points.is_empty())
+            .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
+        let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+        let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
+        let middle = bounds.center();
+        let around = BoundingBox {
+            min: middle.map(|x| x - half),
+            max: middle.map(|x| x + half),
+        };
+        let mut delaunay = Delaunay::new(&around)?;
+        let size = around.diagonal();
+        let mut site_of = Vec::with_capacity(points.len());
+        for point in points {
+            let near = nearest_site(&delaunay, *point).filter(|(_, off)| *off < MERGED * size);
+            site_of.push(match near {
+                Some((site, _)) => site,
+                None => delaunay.insert(*point)?,
+            });
+        }
+        Ok(Self {
+            delaunay,
+            site_of,
+            size,
+        })
+    }
+
+    /// Where a site is.
+    #[must_use]
+    pub fn site(&self, site: u32) -> [f64; 3] {
+        self.delaunay.points()[site as usize]
+    }
+
+    /// The site that each point became.
+    #[must_use]
+    pub fn site_of(&self) -> &[u32] {
+        &self.site_of
+    }
+
+    /// Length of the box's diagonal.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// The weights of a place.
+    ///
+    /// # Errors
+    /// `Input` for a place outside of the box.
+    pub fn weights(&self, at: [f64; 3]) -> Result<Vec<Weight>> {
+        let mut weights = Vec::new();
+        self.weigh(at, &mut Query::default(), &mut weights)?;
+        Ok(weights)
+    }
+
+    /// The weights of many places, in parallel. Some 10 µs each.
+    ///
+    /// # Errors
+    /// As for [`Self::weights`].
+    pub fn weights_of_all(&self, places: &[[f64; 3]]) -> Result<Vec<Vec<Weight>>> {
+        let chunks: Vec<Result<Vec<Vec<Weight>>>> = places
+            .par_chunks(PLACES_AT_ONCE)
+            .map(|places| {
+                let mut query = Query::default();
+                places
+                    .iter()
+                    .map(|&at| {
+                        let mut weights = Vec::new();
+                        self.weigh(at, &mut query, &mut weights)?;
+                        Ok(weights)
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut all = Vec::with_capacity(places.len());
+        for chunk in chunks {
+            all.extend(chunk?);
+        }
+        Ok(all)
+    }
+
+    fn weigh(&self, at: [f64; 3], query: &mut Query, weights: &mut Vec<Weight>) -> Result<()> {
+        if !self.delaunay.holds(at) {
+            return Err(Error::input(format!(
+                "{at:?} is outside of the box about the control points"
+            )));
+        }
+        let points = self.delaunay.points();
+        let start = self.delaunay.locate(at, query.last);
+        query.last = start;
+        let near = |site: &u32| distance(points[*site as usize], at) < SAME * self.size;
+        if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
+            weights.push(Weight { site, weight: 1.0 });
+            return Ok(());
+        }
+        let mut cavity = std::mem::take(&mut query.cavity);
+        self.delaunay.cavity(at, start, &mut cavity);
+        self.measure(at, &cavity, query);
+        query.cavity = cavity;
+        for site in query.touched.drain(..) {
+            // A sum that passed through zero is in the list twice; the second time it is gone.
+            let weight = std::mem::take(&mut query.volumes[site as usize]);
+            if weight > 0.0 {
+                weights.push(Weight { site, weight });
+            }
+        }
+        let total: f64 = weights.iter().map(|w| w.weight).sum();
+        for w in weights.iter_mut() {
+            w.weight /= total;
+        }
+        weights.sort_unstable_by_key(|w| w.site);
+        self.exact(at, weights);
+        Ok(())
+    }
+
+    /// Volumes `|R_j|` times twelve.
+    fn measure(&self, at: [f64; 3], cavity: &Cavity, query: &mut Query) {
+        let points = self.delaunay.points();
+        let from_place = |site: u32| sub(points[site as usize], at);
+        query.volumes.resize(points.len(), 0.0);
+        query.old_centers.clear();
+        let most = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
+        query
+            .place_in_cavity
+            .resize(query.place_in_cavity.len().max(most), u32::MAX);
+        for (place, &t) in cavity.tetrahedra.iter().enumerate() {
+            let [a, b, c, d] = self.delaunay.corners(t).map(from_place);
+            let center = circumcenter_from([b, c, d].map(|p| sub(p, a)));
+            query.old_centers.push(add(a, center));
+            query.place_in_cavity[t as usize] = place as u32;
+        }
+        query.new_centers.clear();
+        (query.new_centers).extend(
+            cavity
+                .border
+                .iter()
+                .map(|face| circumcenter_from(face.corners.map(from_place))),
+        );
+        let (volumes, touched) = (&mut query.volumes, &mut query.touched);
+        let mut give = |site: u32, volume: f64| {
+            let own = &mut volumes[site as usize];
+            if *own == 0.0 {
+                touched.push(site);
+            }
+            *own += volume;
+        };
+        // Sides dual to a triangle `abc` of old points, which is counter-clockwise seen from where the side ends.
+        let mut old = |[a, b, c]: [u32; 3], from: [f64; 3], to: [f64; 3]| {
+            let w = cross(from, to);
+            let [pa, pb, pc] = [a, b, c].map(from_place);
+            give(a, dot(sub(pb, pc), w));
+            give(b, dot(sub(pc, pa), w));
+            give(c, dot(sub(pa, pb), w));
+        };
+        for (place, &t) in cavity.tetrahedra.iter().enumerate() {
+            let (corners, neighbours) = (self.delaunay.corners(t), self.delaunay.neighbours(t));
+            for k in 0..4 {
+                let across = query
+                    .place_in_cavity
+                    .get(neighbours[k] as usize)
+                    .copied()
+                    .unwrap_or(u32::MAX);
+                if across != u32::MAX && place < across as usize {
+                    let [from, to] = [place, across as usize].map(|p| query.old_centers[p]);
+                    old(FACES[k].map(|c| corners[c]), from, to);
+                }
+            }
+        }
+        for (BorderFace { corners, inside, .. }, to) in cavity.border.iter().zip(&query.new_centers) {
+            old(
+                *corners,
+                query.old_centers[query.place_in_cavity[*inside as usize] as usize],
+                *to,
+            );
+        }
+        // Sides dual to a triangle of the place and an edge of the border, where two new tetrahedra meet.
+        query.edges.clear();
+        for (k, face) in cavity.border.iter().enumerate() {
+            let [a, b, c] = face.corners;
+            for [p, q] in [[a, b], [b, c], [c, a]] {
+                query.edges.push(([p.min(q), p.max(q)], k as u32, p < q));
+            }
+        }
+        query
+            .edges
+            .sort_unstable_by_key(|(edge, _, forward)| (*edge, !*forward));
+        for pair in query.edges.chunks_exact(2) {
+            let ([a, b], of) = (pair[0].0, [pair[0].1, pair[1].1]);
+            let [from, to] = of.map(|k| query.new_centers[k as usize]);
+            let w = cross(from, to);
+            give(b, -dot(from_place(a), w));
+            give(a, dot(from_place(b), w));
+        }
+        for &t in &cavity.tetrahedra {
+            query.place_in_cavity[t as usize] = u32::MAX;
+        }
+    }
+
+    /// Makes both sums exact by the least change `δw_j = w_j (λ₀ + λ·p_j)`, which keeps signs and zeros.
+    fn exact(&self, at: [f64; 3], weights: &mut [Weight]) {
+        let reach = (weights.iter())
+            .map(|w| distance(self.site(w.site), at))
+            .fold(0.0, f64::max);
+        if reach == 0.0 {
+            return;
+        }
+        for _ in 0..2 {
+            let (mut normal, mut left) = (Matrix4::zeros(), Vector4::new(1.0, 0.0, 0.0, 0.0));
+            for w in weights.iter() {
+                let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
+                let row = Vector4::new(1.0, x, y, z);
+                normal += w.weight * row * row.transpose();
+                left -= w.weight * row;
+            }
+            // A place on a line or in a plane with all its neighbours leaves directions open in which nothing is to be done.
+            let ridge = 1e-14 * normal.trace();
+            let Some(factor) = (normal + Matrix4::from_diagonal_element(ridge)).cholesky() else {
+                return;
+            };
+            let multiplier = factor.solve(&left);
+            for w in weights.iter_mut() {
+                let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
+                let change = multiplier.dot(&Vector4::new(1.0, x, y, z));
+                w.weight *= 1.0 + change.clamp(-0.5, 0.5);
+            }
+        }
+    }
+}
+
+/// The circumcentre of the origin and three points; far away where they are all but in a plane with it.
+fn circumcenter_from([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
+    let six = dot(a, bc);
+    let [aa, bb, cc] = [a, b, c].map(|p| dot(p, p));
+    let sum = add(add(scale(aa, bc), scale(bb, ca)), scale(cc, ab));
+    let center = scale(0.5 / six, sum);
+    if norm(center).is_finite() { center } else { [0.0; 3] }
+}
+
+fn nearest_site(delaunay: &Delaunay, at: [f64; 3]) -> Option<(u32, f64)> {
+    (delaunay.points().iter().enumerate().skip(BOX_CORNERS))
+        .map(|(k, p)| (k as u32, distance(*p, at)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn random_points(count: usize, seed: u64) -> Vec<[f64; 3]> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        (0..count)
+            .map(|_| std::array::from_fn(|_| random.random_range(0.0..1.0)))
+            .collect()
+    }
+
+    /// Sibson (1980): no weight is negative, they add up to one, and the weighted mean of the sites is the place.
+    fn judge(points: &[[f64; 3]], places: &[[f64; 3]]) {
+        let neighbours = NaturalNeighbours::new(points, places).unwrap();
+        let all = neighbours.weights_of_all(places).unwrap();
+        for (place, weights) in places.iter().zip(&all) {
+            let (mut sum, mut mean) = (0.0, [0.0; 3]);
+            for w in weights {
+                assert!(w.weight >= 0.0);
+                sum += w.weight;
+                mean = add(mean, scale(w.weight, neighbours.site(w.site)));
+            }
+            assert!((sum - 1.0).abs() < 1e-10, "{place:?}: {sum}");
+            let off = distance(mean, *place) / neighbours.size();
+            assert!(off < 1e-10, "{place:?} of {points:?}: {off:e} of the box off");
+        }
+    }
+
+    #[test]
+    fn weights_have_sibsons_properties_for_all_kinds_of_sites() {
+        let places: Vec<[f64; 3]> = (random_points(2000, 7).iter())
+            .map(|p| p.map(|x| 1.4 * x - 0.2))
+            .collect();
+        let grid: Vec<[f64; 3]> = (0..125)
+            .map(|k| [k % 5, k / 5 % 5, k / 25].map(|i| f64::from(i) / 4.0))
+            .collect();
+        let coplanar: Vec<[f64; 3]> = random_points(40, 3).iter().map(|p| [p[0], p[1], 0.5]).collect();
+        let mut twice = random_points(30, 4);
+        twice.extend(twice.clone());
+        let on_grid: Vec<[f64; 3]> = (0..1331)
+            .map(|k| [k % 11, k / 11 % 11, k / 121].map(|i| f64::from(i) / 8.0 - 0.125))
+            .collect();
+        let nearly: Vec<[f64; 3]> = (grid.iter().zip(random_points(125, 5)))
+            .map(|(p, noise)| std::array::from_fn(|k| p[k] + 1e-9 * noise[k]))
+            .collect();
+        for points in [
+            random_points(200, 1),
+            grid,
+            nearly,
+            coplanar,
+            twice,
+            vec![[0.5; 3]],
+            random_points(2, 2),
+        ] {
+            judge(&points, &places);
+            judge(&points, &on_grid);
+            judge(&points, &points);
+        }
+    }
+
+    /// Weights are those of volumes: counted by throwing places into a box.
+    #[test]
+    fn weights_are_shares_of_the_stolen_cell() {
+        let points = random_points(60, 11);
+        let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
+        let at = [0.45, 0.55, 0.5];
+        let weights = neighbours.weights(at).unwrap();
+        let sites: Vec<[f64; 3]> = (0..points.len() as u32 + 8).map(|s| neighbours.site(s)).collect();
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let (mut stolen, mut of) = (0.0, vec![0.0; sites.len()]);
+        for _ in 0..200_000 {
+            let p: [f64; 3] = std::array::from_fn(|k| at[k] + random.random_range(-0.4..0.4));
+            let (nearest, off) = (sites.iter().enumerate())
+                .map(|(k, s)| (k, distance(*s, p)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap();
+            if distance(at, p) < off {
+                stolen += 1.0;
+                of[nearest] += 1.0;
+            }
+        }
+        for (site, count) in of.iter().enumerate() {
+            let stated = weights.iter().find(|w| w.site == site as u32).map_or(0.0, |w| w.weight);
+            assert!(
+                (count / stolen - stated).abs() < 0.02,
+                "site {site}: {} counted, {stated}",
+                count / stolen
+            );
+        }
+    }
+
+    #[test]
+    fn a_site_has_all_the_weight_of_its_own_place() {
+        let points = random_points(50, 9);
+        let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
+        for (k, point) in points.iter().enumerate() {
+            let weights = neighbours.weights(*point).unwrap();
+            assert_eq!(
+                weights,
+                [Weight {
+                    site: k as u32 + 8,
+                    weight: 1.0
+                }]
+            );
+        }
+        // And nearly all of a place beside it: weights are continuous there.
+        let beside = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
+        assert!(beside.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
+    }
+
+    #[test]
+    fn odd_input_is_named() {
+        let at = |result: Result<NaturalNeighbours>| result.unwrap_err().to_string();
+        assert!(at(NaturalNeighbours::new(&[], &[])).contains("at least one"));
+        assert!(at(NaturalNeighbours::new(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[])).contains("point 1"));
+        let neighbours = NaturalNeighbours::new(&[[0.0; 3], [1.0; 3]], &[]).unwrap();
+        assert!(neighbours.weights([9.0; 3]).is_err());
+    }
+}
