@@ -1,6 +1,6 @@
 //! Contours with their covariance, geometric constraints, views, and the solids that they mean.
 //!
-//! Nine parts, each usable by itself:
+//! Ten parts, each usable by itself:
 //!
 //! | module | what |
 //! |---|---|
@@ -12,6 +12,7 @@
 //! | [`noisy_views`] | views with covariance matched by χ² and made one geometry |
 //! | [`brep`] | solids as faces on planes and cylinders: made, checked, measured |
 //! | [`reprojection`] | what a finished solid shows in its views, compared with a drawing |
+//! | [`tessellation`] | watertight triangles of a solid |
 //! | [`views`] | every solid that two or three orthographic views can mean |
 //!
 //! # References
@@ -25,4 +26,5 @@ pub mod noisy_views;
 pub mod primitive;
 pub mod reprojection;
 pub mod sketch;
+pub mod tessellation;
 pub mod views;

@@ -46,6 +46,8 @@ impl<'a> TrimmedFace<'a> {
             .loops
             .iter()
             .flatten()
+            // An edge that the face has on both sides bounds nothing: a seam, or where a hole touches a wall from behind.
+            .filter(|c| face.loops.iter().flatten().filter(|d| d.edge == c.edge).count() == 1)
             .map(|&coedge| {
                 let edge = &solid.edges[coedge.edge];
                 let pieces = edge.pieces();
@@ -129,8 +131,7 @@ impl<'a> TrimmedFace<'a> {
                 uv[1] - at[1]
             }
         };
-        let mut nearest = f64::MAX;
-        let mut inside = None;
+        let mut crossed: Vec<(f64, bool)> = Vec::new();
         for (coedge, points) in &self.coedges {
             for pair in points.windows(2) {
                 let [from, to] = [pair[0], pair[1]];
@@ -141,19 +142,22 @@ impl<'a> TrimmedFace<'a> {
                     turn(to.uv[0] - from.uv[0])
                 };
                 let b = a + step;
-                if (a > 0.0) == (b > 0.0) {
-                    continue;
-                }
-                let off = self.second_at(*coedge, [from.t, to.t], [a, b], &first, &second);
-                if off.abs() < nearest {
-                    nearest = off.abs();
-                    // Above a point in the face the loop runs back, below it on.
-                    let runs_on = b > a;
-                    inside = Some((runs_on == (off < 0.0)) == self.face.outward);
+                if (a > 0.0) != (b > 0.0) {
+                    crossed.push((self.second_at(*coedge, [from.t, to.t], [a, b], &first, &second), b > a));
                 }
             }
         }
-        inside.unwrap_or_else(|| self.is_left_of_nearest(p))
+        crossed.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        // Where a loop runs back on itself, two crossings in one place bound nothing.
+        let mut k = 0;
+        while let Some(&(off, runs_on)) = crossed.get(k) {
+            match crossed.get(k + 1) {
+                Some(&(next, runs_next)) if (next - off).abs() < 1e-7 && runs_next != runs_on => k += 2,
+                // Above a point in the face the loop runs back, below it on.
+                _ => return (runs_on == (off < 0.0)) == self.face.outward,
+            }
+        }
+        self.is_left_of_nearest(p)
     }
 
     /// The second parameter, from the point's own, where a loop has the point's first one: between two parameters of its curve.

@@ -156,7 +156,11 @@ fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize
             all &= cosine > SMOOTH - 1.0;
         }
     }
-    any.then_some(all)
+    // A plane is only cut where something touches it from behind.
+    let are_planes = [f, g]
+        .iter()
+        .all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
+    (any || are_planes).then_some(any && all)
 }
 
 /// Where the line of sight touches a curved face: `n · e = 0`, with the face on both sides.
