@@ -441,7 +441,7 @@ pub struct SolidArgs {
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// How far triangles of a mesh miss the solid at most [default: 1/2000 of the drawing's size]
-    #[arg(long, value_name = "LENGTH", allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]

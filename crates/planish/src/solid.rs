@@ -18,10 +18,10 @@ use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
-use planish_solid::views::{Drawing, Solution, solve};
 pub use planish_solid::views::{Projection, ViewKind};
+use planish_solid::views::{Solution, solve};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]

@@ -156,6 +156,7 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         let exact = &report.solutions[0];
         for path in &outputs {
             let read = planish_exchange::mesh::read_mesh(path).unwrap();
+            let unit = read.unit;
             let mesh = planish_mesh::TriangleMesh::try_new(read.points, read.triangles)
                 .unwrap()
                 .welded();
@@ -165,14 +166,9 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
                 "{}",
                 path.display()
             );
-            // GLB holds metres and seven digits.
-            let unit = if path.extension().is_some_and(|e| e == "glb") && mesh.bounding_box().unwrap().diagonal() < 1.0
-            {
-                1e9
-            } else {
-                1.0
-            };
-            let volume = mesh.signed_volume().unwrap() * unit;
+            // GLB holds metres.
+            let scale = unit.map_or(1.0, planish_exchange::Unit::millimetres);
+            let volume = mesh.signed_volume().unwrap() * scale.powi(3);
             assert!(
                 (volume - exact.volume).abs() < tolerance * exact.area,
                 "{}: {volume}",
