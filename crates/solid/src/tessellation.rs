@@ -18,6 +18,7 @@ use crate::brep::{Coedge, Curve, Edge, Solid};
 use planish_estimate::vector3::{norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
+use std::collections::HashMap;
 use std::f64::consts::PI;
 
 /// Curved edges have a chord for every so many radians at least.
@@ -35,12 +36,18 @@ struct Points {
 impl Points {
     fn of(solid: &Solid, tolerance: f64) -> Self {
         let mut positions = solid.vertices.clone();
+        // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to be told apart.
+        let ends = |edge: &Edge| (edge.start.min(edge.end), edge.start.max(edge.end));
+        let mut between: HashMap<(usize, usize), usize> = HashMap::new();
+        for edge in &solid.edges {
+            *between.entry(ends(edge)).or_default() += 1;
+        }
         let of_edge = solid
             .edges
             .iter()
             .map(|edge| {
                 let [from, to] = edge.range;
-                let n = chords(edge, tolerance);
+                let n = chords(edge, tolerance).max(if between[&ends(edge)] > 1 { 2 } else { 1 });
                 let mut points = vec![edge.start as u32];
                 for k in 1..n {
                     points.push(positions.len() as u32);
@@ -110,15 +117,15 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
     }
     let mut finer = tolerance;
-    let mut last = Err(Error::unsupported("no triangles were made"));
-    for _ in 0..TRIES {
-        last = once(solid, finer).and_then(|mesh| checked(solid, mesh, tolerance));
-        if last.is_ok() {
+    let mut made = once(solid, finer);
+    for _ in 1..TRIES {
+        if made.is_ok() {
             break;
         }
         finer /= 4.0;
+        made = once(solid, finer);
     }
-    last
+    checked(solid, made?, tolerance)
 }
 
 fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {

@@ -84,7 +84,7 @@ impl Domain {
         for corner in polygons.iter_mut().flatten() {
             corner.at = [corner.at[0] * steps[0], corner.at[1] * steps[1]];
         }
-        part_touching(&mut polygons);
+        part_touching(&mut polygons, if face.outward { 1.0 } else { -1.0 });
         Ok(Self { polygons, steps })
     }
 }
@@ -208,8 +208,9 @@ fn contains(polygon: &[Corner], p: [f64; 2]) -> bool {
     })
 }
 
-/// Where two corners of different vertices are in one place, the second one is moved a little into its own corner: loops that touch stay apart.
-fn part_touching(polygons: &mut [Vec<Corner>]) {
+/// Where two corners of different vertices are in one place, the second one is moved a little into its own corner, and on a straight side to the face's
+/// side, which is its left where `left` is 1 and its right where it is −1: loops that touch stay apart, and slits open.
+fn part_touching(polygons: &mut [Vec<Corner>], left: f64) {
     let mut seen: std::collections::HashMap<[u64; 2], u32> = std::collections::HashMap::new();
     for polygon in polygons {
         let n = polygon.len();
@@ -218,7 +219,16 @@ fn part_touching(polygons: &mut [Vec<Corner>]) {
             let key = corner.at.map(|x| (x + 0.0).to_bits());
             if *seen.entry(key).or_insert(corner.vertex) != corner.vertex {
                 let (before, behind) = (polygon[(k + n - 1) % n].at, polygon[(k + 1) % n].at);
-                polygon[k].at = [0, 1].map(|c| corner.at[c] + 1e-7 * ((before[c] + behind[c]) / 2.0 - corner.at[c]));
+                let run = [behind[0] - before[0], behind[1] - before[1]];
+                let inward = [0, 1].map(|c| (before[c] + behind[c]) / 2.0 - corner.at[c]);
+                let is_straight =
+                    (run[0] * inward[1] - run[1] * inward[0]).abs() < 1e-6 * (run[0] * run[0] + run[1] * run[1]);
+                let to = if is_straight {
+                    [-left * run[1] / 2.0, left * run[0] / 2.0]
+                } else {
+                    inward
+                };
+                polygon[k].at = [0, 1].map(|c| corner.at[c] + 1e-7 * to[c]);
             }
         }
     }

@@ -7,10 +7,10 @@ use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-/// A face of more points than this is refused.
-const MOST_POINTS: usize = 400_000;
+/// A face that needs more points than this is refused.
+const MOST_POINTS: usize = 100_000;
 /// Points are added so many times at most.
-const ROUNDS: usize = 16;
+const ROUNDS: usize = 10;
 
 /// A point of the triangulation.
 #[derive(Clone, Copy)]
