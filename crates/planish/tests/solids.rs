@@ -89,7 +89,7 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
     let twice = report
         .warnings
         .iter()
-        .any(|w| w.contains("front.dxf: LINE 10 (line 5) is drawn again as LINE 14"));
+        .any(|w| w.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
     assert!(twice, "{:?}", report.warnings);
 }
 
@@ -107,8 +107,8 @@ fn an_open_contour_is_refused_and_its_ends_are_told() {
     );
     // The two lines beside the missing one are named with their open ends.
     for wanted in [
-        "LINE 10 (line 5) of the front view ends at 0.0000 0.0000",
-        "LINE 12 (line 33) of the front view ends at 0.0000 20.0000",
+        "LINE 10 (line 6) of the front view ends at 0.0000 0.0000",
+        "LINE 12 (line 34) of the front view ends at 0.0000 20.0000",
     ] {
         assert!(
             report.warnings.iter().any(|w| w.contains(wanted)),
