@@ -105,7 +105,7 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A protected file", "fit good.xyz -o protected.ply", 3),
     ("The input as output", "fit half.ply -o half.ply", 2),
     (
-        "A block that holds itself ten times, ten deep",
+        "Blocks that hold ten of the next, ten deep",
         "solid blocks.dxf top.dxf -o old.step",
         2,
     ),
