@@ -8,9 +8,14 @@ use planish::info::info;
 use planish::saved::{load_with_provenance, save};
 use planish_estimate::Result;
 use planish_exchange::calibration::{read_grid_calibration, read_lights, read_stereo_calibration, read_view_sensor};
+use planish_exchange::contours::{
+    CarmenOptions, SigmaDefaults, read_contour_json, read_contour_readings, read_ray_readings,
+};
+use planish_exchange::dxf::read_dxf;
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
+use planish_exchange::svg::read_svg;
 use planish_exchange::{extension, read_inputs};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -63,6 +68,12 @@ pub const TARGETS: &[Target] = &[
     Target { name: "view",     file: "v.toml",    valid: valid::views,      words: CAMERA, mend: as_it_is, read: view_sensor },
     Target { name: "grid",     file: "g.toml",    valid: valid::grids,      words: GRID, mend: as_it_is, read: grid_calibration },
     Target { name: "lights",   file: "l.toml",    valid: valid::lights,     words: LIGHTS, mend: as_it_is, read: lights },
+    Target { name: "dxf",      file: "a.dxf",     valid: valid::dxfs,       words: DXF,  mend: as_it_is,   read: dxf },
+    Target { name: "svg",      file: "a.svg",     valid: valid::svgs,       words: SVG,  mend: as_it_is,   read: svg },
+    Target { name: "readings", file: "a.csv",     valid: valid::readings,   words: READINGS, mend: as_it_is, read: readings },
+    Target { name: "carmen",   file: "a.log",     valid: valid::carmen_logs, words: READINGS, mend: as_it_is, read: readings },
+    Target { name: "rays",     file: "a.csv",     valid: valid::rays,       words: READINGS, mend: as_it_is, read: rays },
+    Target { name: "contour",  file: "a.json",    valid: valid::contours,   words: CONTOUR, mend: as_it_is, read: contour },
     Target { name: "planish",  file: "a.planish", valid: valid::models,     words: JSON, mend: safetensors, read: model_and_back },
 ];
 
@@ -367,6 +378,194 @@ const LIGHTS: &[&str] = &[
     "nan",
     "=",
 ];
+
+const DXF: &[&str] = &[
+    "SECTION",
+    "ENDSEC",
+    "HEADER",
+    "TABLES",
+    "BLOCKS",
+    "ENTITIES",
+    "EOF",
+    "LAYER",
+    "BLOCK",
+    "ENDBLK",
+    "INSERT",
+    "LINE",
+    "ARC",
+    "CIRCLE",
+    "ELLIPSE",
+    "LWPOLYLINE",
+    "POLYLINE",
+    "VERTEX",
+    "SEQEND",
+    "SPLINE",
+    "DIMENSION",
+    "TEXT",
+    "HATCH",
+    "HIDDEN",
+    "CENTER",
+    "BYLAYER",
+    "BYBLOCK",
+    "part",
+    "$INSUNITS",
+    "\n0\n",
+    "\n2\n",
+    "\n8\n",
+    "\n10\n",
+    "\n20\n",
+    "\n40\n",
+    "\n41\n",
+    "\n42\n",
+    "\n50\n",
+    "\n70\n",
+    "\n71\n",
+    "\n230\n",
+    "1e308",
+    "nan",
+    "\\A1;",
+    "%%c",
+    "<>",
+    "\r\n",
+];
+const SVG: &[&str] = &[
+    "<svg>",
+    "</svg>",
+    "<g>",
+    "</g>",
+    "<path d='",
+    "'/>",
+    "<line ",
+    "<rect ",
+    "<circle ",
+    "<style>",
+    "<!DOCTYPE svg [",
+    "<!ENTITY a '",
+    "&a;",
+    "]>",
+    "transform='",
+    "matrix(",
+    "rotate(",
+    "scale(",
+    "skewX(90)",
+    ")",
+    "viewBox='",
+    "width='",
+    "mm",
+    "px",
+    "%",
+    "M",
+    "m",
+    "L",
+    "A",
+    "C",
+    "S",
+    "Q",
+    "T",
+    "Z",
+    "H",
+    "V",
+    "0 0 0 1 1",
+    "stroke-dasharray",
+    "points='",
+    "1e308",
+    "nan",
+    "-",
+    ".",
+    "e",
+    ",",
+    "<![CDATA[",
+    "&#0;",
+];
+const READINGS: &[&str] = &[
+    "x",
+    "y",
+    "z",
+    "heading_deg",
+    "azimuth_deg",
+    "elevation_deg",
+    "range",
+    "sigma",
+    "sigma_x",
+    "sigma_y",
+    "sigma_z",
+    "sigma_heading_deg",
+    "sigma_range",
+    "pose_id",
+    "time",
+    "level",
+    "FLASER",
+    "PARAM",
+    "#",
+    ",",
+    "\n",
+    "1e308",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "180",
+    "4294967296",
+];
+const CONTOUR: &[&str] = &[
+    "\"kind\"",
+    "\"circle\"",
+    "\"ellipse\"",
+    "\"rectangle\"",
+    "\"polygon\"",
+    "\"line\"",
+    "\"parameters\"",
+    "\"value\"",
+    "\"sigma\"",
+    "\"order\"",
+    "\"covariance\"",
+    "\"contours\"",
+    "\"hole_of\"",
+    "\"level\"",
+    "\"unit\"",
+    "\"mm\"",
+    "\"constrained\"",
+    "\"constraints\"",
+    "\"radius\"",
+    "\"x0\"",
+    "null",
+    "[]",
+    "{}",
+    "[[[[[[[[",
+    "1e999",
+    "-1",
+    "0",
+];
+
+fn dxf(path: &Path) -> Result<()> {
+    read_dxf(path).map(drop)
+}
+
+fn svg(path: &Path) -> Result<()> {
+    read_svg(path).map(drop)
+}
+
+/// What is stated where a file is silent.
+fn stated() -> SigmaDefaults {
+    SigmaDefaults {
+        position: Some(0.1),
+        heading_deg: Some(0.5),
+        range: Some(0.1),
+        point: Some(0.1),
+    }
+}
+
+fn readings(path: &Path) -> Result<()> {
+    read_contour_readings(path, &stated(), &CarmenOptions::default()).map(drop)
+}
+
+fn rays(path: &Path) -> Result<()> {
+    read_ray_readings(path, &stated()).map(drop)
+}
+
+fn contour(path: &Path) -> Result<()> {
+    read_contour_json(path).map(drop)
+}
 
 fn picture(path: &Path) -> Result<()> {
     read_picture(path).map(drop)

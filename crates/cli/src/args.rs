@@ -397,12 +397,14 @@ Examples:
   planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf -o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
   planish solid sheet.dxf --projection third -o part.step
+  planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
   planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
 
 The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
 in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found
 by that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are
-left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn.
+left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges need not be drawn. Of SVG files hidden lines are
+dashed, and the left lower corner of each view is its origin. A solid is written only where the lines that it shows are those of the drawing.
 
 Contours that planish contour wrote (.json) are views, too: relations in each are found by χ² tests (or taken from the file, where --constrain or
 --given was asked for there), coordinates that views share are matched by χ² and made one geometry by all views' information; a part.json then
@@ -423,7 +425,7 @@ pub enum ProjectionName {
 #[derive(Debug, Args)]
 #[command(after_help = SOLID_EXAMPLES)]
 pub struct SolidArgs {
-    /// The front, top and side view as DXF files or as contours (.json), in this order; the side view may be left out. Or one DXF file with all views
+    /// The front, top and side view as drawings (.dxf, .svg) or as contours (.json), in this order; the side view may be left out. Or one drawing with all views
     #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     pub views: Vec<PathBuf>,
     /// Which views these are, where not front, top and side: such as `front,side`
@@ -435,9 +437,12 @@ pub struct SolidArgs {
     /// Of contours: write the graphs of each view's constraints and the composite graph, .json or .dot (repeatable)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub graphs: Vec<PathBuf>,
-    /// Write the best solid: .step or .stp (repeatable); of contours also .json, its vertices and sizes with σ
+    /// Write the best solid: .step or .stp, or its mesh as .ply, .stl, .glb or .obj (repeatable); of contours also .json, its vertices and sizes with σ
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
+    /// How far triangles of a mesh miss the solid at most [default: 1/2000 of the drawing's size]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub mesh_tolerance: Option<f64>,
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     pub all: bool,

@@ -41,6 +41,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         level: args.level,
         graphs: args.graphs.clone(),
         outputs: args.output.clone(),
+        mesh_tolerance: args.mesh_tolerance,
         all: args.all,
         unit: args.common.unit.map(Into::into),
     };
@@ -67,7 +68,10 @@ fn text(report: &SolidReport) -> String {
     let mut lines = Lines::default();
     let n = report.solutions.len();
     if n == 0 {
-        lines.line("No solid has these views. What none explains:");
+        lines.line(match report.refused.is_empty() {
+            true => "No solid has these views. What none explains:",
+            false => "No solid has these views. In what the nearest one differs (it is not written):",
+        });
         lines.gap();
         let named = |u: &UnexplainedLine| {
             let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
@@ -88,6 +92,15 @@ fn text(report: &SolidReport) -> String {
         1 => "One solid has these views.".to_owned(),
         _ => format!("{} solids have these views, best first.", count(n)),
     });
+    if !report.refused.is_empty() {
+        let others = report.refused.len();
+        lines.line(format!(
+            "{} more {} found by the search, and show{} other lines than the drawing (--json names them).",
+            count(others),
+            if others == 1 { "was" } else { "were" },
+            if others == 1 { "s" } else { "" },
+        ));
+    }
     lines.gap();
     let rows: Vec<Vec<String>> = report
         .solutions

@@ -104,6 +104,59 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A folder that takes no files", "fit good.xyz -o /sys/new.ply", 3),
     ("A protected file", "fit good.xyz -o protected.ply", 3),
     ("The input as output", "fit half.ply -o half.ply", 2),
+    (
+        "Blocks that hold ten of the next, ten deep",
+        "solid blocks.dxf top.dxf -o old.step",
+        2,
+    ),
+    (
+        "A block that is not there",
+        "solid gone_block.dxf top.dxf -o old.step",
+        2,
+    ),
+    (
+        "An SVG file whose entities multiply",
+        "solid laughs.svg top.dxf -o old.step",
+        2,
+    ),
+    ("Groups in groups in groups", "solid groups.svg top.dxf -o old.step", 2),
+    (
+        "A path that ends in the middle of a number",
+        "solid path.svg top.dxf -o old.step",
+        2,
+    ),
+    (
+        "A drawing that is a picture",
+        "solid picture.dxf top.dxf -o old.step",
+        2,
+    ),
+    ("A view that is not there", "solid front.dxf gone.dxf -o old.step", 3),
+    ("One view alone", "solid front.dxf -o old.step", 2),
+    (
+        "Views of different scale",
+        "solid double.dxf top.dxf side.dxf -o old.step",
+        2,
+    ),
+    (
+        "An outline with a gap",
+        "solid open.dxf top.dxf side.dxf -o old.step",
+        1,
+    ),
+    (
+        "Lines drawn twice, lines without length, texts, hatches, and a dimension that says something else",
+        "solid messy.dxf top.dxf side.dxf",
+        0,
+    ),
+    (
+        "Contours whose JSON is cut off",
+        "solid cut.json cut.json -o old.step",
+        2,
+    ),
+    (
+        "A mesh tolerance of nothing",
+        "solid front.dxf top.dxf side.dxf --mesh-tolerance 0 -o old.ply",
+        2,
+    ),
     ("A wrong command line, in JSON", "fit good.xyz --gate 0 --json", 2),
 ];
 
@@ -213,6 +266,54 @@ fn fill(folder: &Path) {
     std::fs::set_permissions(folder.join("protected.ply"), permissions).expect("permissions");
 }
 
+/// Drawings that want to break the command, beside good ones.
+fn fill_drawings(folder: &Path) {
+    let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
+    // Codes and values between blanks.
+    let dxf = |name: &str, blocks: &str, entities: &str| {
+        let all = format!("0 SECTION 2 BLOCKS {blocks} 0 ENDSEC 0 SECTION 2 ENTITIES {entities} 0 ENDSEC 0 EOF");
+        text(
+            name,
+            &all.split_whitespace()
+                .map(|word| format!("{word}\n"))
+                .collect::<String>(),
+        );
+    };
+    let line = |[a, b, c, d]: [f64; 4]| format!("0 LINE 8 VISIBLE 10 {a} 20 {b} 11 {c} 21 {d} ");
+    let sides = |w: f64, h: f64| [[0.0, 0.0, w, 0.0], [w, 0.0, w, h], [w, h, 0.0, h], [0.0, h, 0.0, 0.0]].map(line);
+    let rectangle = |w: f64, h: f64| sides(w, h).concat();
+    dxf("front.dxf", "", &rectangle(40.0, 20.0));
+    dxf("top.dxf", "", &rectangle(40.0, 30.0));
+    dxf("side.dxf", "", &rectangle(30.0, 20.0));
+    dxf("double.dxf", "", &rectangle(80.0, 40.0));
+    dxf("open.dxf", "", &sides(40.0, 20.0)[..3].concat());
+    let messy = format!(
+        "{}{}0 LINE 5 7A 10 5 20 20 11 5 21 20 0 TEXT 5 7B 1 hello 0 HATCH 5 7C 0 DIMENSION 5 7D 70 32 13 0 23 0 14 40 24 0 1 45 ",
+        rectangle(40.0, 20.0),
+        line([0.0, 0.0, 40.0, 0.0])
+    );
+    dxf("messy.dxf", "", &messy);
+    let mut nested = "0 BLOCK 2 b0 10 0 20 0 0 LINE 10 0 20 0 11 1 21 1 0 ENDBLK ".to_owned();
+    for k in 1..10 {
+        let inserts = format!("0 INSERT 2 b{} 10 0 20 0 ", k - 1).repeat(10);
+        nested += &format!("0 BLOCK 2 b{k} 10 0 20 0 {inserts} 0 ENDBLK ");
+    }
+    dxf("blocks.dxf", &nested, "0 INSERT 5 1F 2 b9 10 0 20 0");
+    dxf("gone_block.dxf", "", "0 INSERT 5 1F 2 bolt 10 0 20 0");
+    let mut laughs = "<!DOCTYPE svg [<!ENTITY a0 'M0 0'>".to_owned();
+    for k in 1..12 {
+        laughs += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
+    }
+    text("laughs.svg", &format!("{laughs}]><svg><text>&a11;</text></svg>"));
+    text(
+        "groups.svg",
+        &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)),
+    );
+    text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
+    std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");
+    text("cut.json", "{\"kind\": \"circle\", \"parameters\": {");
+}
+
 /// What an older file holds.
 const OLD: &str = "old";
 
@@ -259,7 +360,10 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
 fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     let folder = tempfile::tempdir().expect("a folder");
     fill(folder.path());
-    let kept: Vec<_> = ["old.ply", "old.planish"].map(|name| folder.path().join(name)).to_vec();
+    fill_drawings(folder.path());
+    let kept: Vec<_> = ["old.ply", "old.planish", "old.step"]
+        .map(|name| folder.path().join(name))
+        .to_vec();
     let mut page = String::from(
         "# Hostile inputs\n\nWhat `planish` says to inputs that want to break it, and with which exit code it ends: 0 done, 1 the data do not \
          determine the answer,\n2 wrong use or input, 3 file trouble. Wherever it fails, no file is begun and older files are as they were. A \

@@ -1,24 +1,28 @@
 //! DXF (Drawing Interchange Format, ASCII): curves of drawings in.
 //!
-//! Comes in: `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `SPLINE` of the section `ENTITIES`, on layers whose names hold `HIDDEN`
-//! or with dashed line types for hidden lines; centre lines (`CENTER`, `DASHDOT`) are left out. Goes out: curves with their style,
-//! the unit of `$INSUNITS`, and how many entities of which kind were passed over (texts, dimensions, hatches, blocks).
-//! Coordinates are those of the file: x to the right, y up.
+//! Comes in: `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE`, `SPLINE` of the section `ENTITIES`, and of the blocks that `INSERT`s
+//! place there, on layers whose names hold `HIDDEN` or with dashed line types for hidden lines; centre lines (`CENTER`, `DASHDOT`) are left out.
+//! Goes out: curves with their style, the unit of `$INSUNITS`, how many entities of which kind were passed over (texts, hatches), and in words
+//! what was left out and which dimensions contradict what is drawn. Coordinates are those of the file: x to the right, y up.
 //!
-//! Not guaranteed: entities out of the xy plane (an extrusion direction other than ±z is an error); binary DXF.
+//! Not guaranteed: entities out of the xy plane (an extrusion direction other than ±z is an error); binary DXF; meshes (`POLYLINE` of faces).
 //!
 //! # References
 //! Autodesk, *AutoCAD 2012 DXF Reference* (group codes).
 
+mod dimension;
 mod entity;
 mod groups;
+mod placed;
+#[cfg(test)]
+mod tests;
 
 use crate::Unit;
 use crate::source::read_file;
-use entity::curves_of;
 use groups::{Groups, Record};
+use placed::{Block, Drawer, Items, Place, Sheet};
 use planish_estimate::{Error, Result};
-use planish_solid::views::{DrawnCurve, LineStyle};
+use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -51,8 +55,10 @@ pub fn read_dxf(path: &Path) -> Result<DxfDrawing> {
 }
 
 fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
-    let mut drawing = DxfDrawing::default();
-    let mut layers: BTreeMap<String, String> = BTreeMap::new();
+    let mut unit = None;
+    let mut sheet = Sheet::default();
+    let mut items = Items::default();
+    let mut block: Option<(String, Block)> = None;
     let mut section = String::new();
     let mut entities = 0_usize;
     let mut ended = false;
@@ -61,7 +67,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             "SECTION" => {
                 section = record.text(2).unwrap_or_default().to_owned();
                 if section == "HEADER" {
-                    drawing.unit = unit_of(&record);
+                    unit = unit_of(&record);
                 }
             }
             "ENDSEC" => section.clear(),
@@ -71,21 +77,44 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             }
             "LAYER" if section == "TABLES" => {
                 if let (Some(name), Some(line_type)) = (record.text(2), record.text(6)) {
-                    layers.insert(name.to_uppercase(), line_type.to_uppercase());
+                    sheet.layers.insert(name.to_uppercase(), line_type.to_uppercase());
                 }
             }
-            _ if section == "ENTITIES" => {
+            "BLOCK" if section == "BLOCKS" => {
+                let name = record.text(2).unwrap_or_default().to_uppercase();
+                block = Some((name, Block::at(&record)?));
+            }
+            "ENDBLK" if section == "BLOCKS" => sheet.blocks.extend(block.take()),
+            _ if section == "ENTITIES" || section == "BLOCKS" => {
                 entities += 1;
                 if entities > MOST_ENTITIES {
-                    return Err(Error::input(format!(
-                        "needed at most {MOST_ENTITIES} entities, found more"
-                    )));
+                    return Err(too_many());
                 }
-                add(&mut drawing, &record, &layers)?;
+                match &mut block {
+                    Some((_, block)) if section == "BLOCKS" => block.items.add(record),
+                    None if section == "BLOCKS" => {}
+                    _ => items.add(record),
+                }
             }
             _ => {}
         }
     }
+    let empty = DxfDrawing {
+        unit,
+        ..DxfDrawing::default()
+    };
+    let mut drawer = Drawer::new(&sheet, empty);
+    drawer.draw(&items, &Place::default())?;
+    let (mut drawing, dimensions, passed_over) = drawer.finish();
+    for (kind, (count, first)) in &passed_over {
+        drawing.passed_over.insert(kind.clone(), *count);
+        drawing.warnings.push(format!(
+            "passed over {count} of {kind}, the first {first}: it draws no edges"
+        ));
+    }
+    drawing
+        .warnings
+        .extend(dimension::contradictions(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
             "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
@@ -94,51 +123,8 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     Ok(drawing)
 }
 
-fn add(drawing: &mut DxfDrawing, record: &Record, layers: &BTreeMap<String, String>) -> Result<()> {
-    // Paper space holds sheets, not the part.
-    if record.number(67)?.is_some_and(|space| space == 1.0) {
-        return Ok(());
-    }
-    let Some(style) = style_of(record, layers) else {
-        *drawing.passed_over.entry("centre line".to_owned()).or_default() += 1;
-        return Ok(());
-    };
-    let Some(curves) = curves_of(record).map_err(|e| e.in_context(record.name()))? else {
-        *drawing.passed_over.entry(record.kind.clone()).or_default() += 1;
-        return Ok(());
-    };
-    for curve in curves {
-        if curve.length() <= 0.0 {
-            drawing
-                .warnings
-                .push(format!("{} has no length: it is left out", record.name()));
-            continue;
-        }
-        drawing.curves.push(DrawnCurve {
-            curve,
-            style,
-            entity: record.name(),
-        });
-    }
-    Ok(())
-}
-
-/// The style by line type, else by the layer's name or line type; none for centre lines.
-fn style_of(record: &Record, layers: &BTreeMap<String, String>) -> Option<LineStyle> {
-    let layer = record.text(8).unwrap_or_default().to_uppercase();
-    let own = record.text(6).unwrap_or("BYLAYER").to_uppercase();
-    let line_type = match own.as_str() {
-        "BYLAYER" | "BYBLOCK" => layers.get(&layer).cloned().unwrap_or_default(),
-        _ => own,
-    };
-    let says = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
-    if says(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
-        return None;
-    }
-    Some(match says(&["HIDDEN", "DASH"]) {
-        true => LineStyle::Hidden,
-        false => LineStyle::Visible,
-    })
+fn too_many() -> Error {
+    Error::input(format!("needed at most {MOST_ENTITIES} entities, found more"))
 }
 
 /// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.

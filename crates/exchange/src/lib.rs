@@ -45,9 +45,11 @@ pub mod ply;
 pub mod raster;
 pub mod step;
 pub mod stl;
+pub mod svg;
 pub mod vrip;
 pub mod xyz;
 
+mod affine;
 mod atomic;
 mod foreign;
 mod georeference;

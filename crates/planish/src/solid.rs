@@ -1,9 +1,12 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Comes in: DXF files, one a view, or one with all views; or contours with their covariance as `planish contour` writes them, one a view. Goes out: the solids, best first, each a STEP file with true planes and cylinders; and which lines none of
-//! them explains.
+//! Comes in: DXF or SVG files, one a view, or one with all views; or contours with their covariance as `planish contour` writes them, one a view.
+//! Goes out: the solids, best first, each a STEP file with true planes and cylinders, or a watertight mesh; and which lines none of them explains.
+//! A solid is written only where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
+mod drawing;
 mod noisy;
+mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
 
@@ -11,23 +14,20 @@ use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
-use planish_exchange::dxf::read_dxf;
-use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
-use planish_solid::views::{Drawing, View, solve, views_of_sheet};
+use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
 pub use planish_solid::views::{Projection, ViewKind};
+use planish_solid::views::{Solution, solve};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
-
-/// Vertices, edges and faces of a STEP file meet within this share of a millimetre.
-const UNCERTAINTY_MM: f64 = 1e-5;
+use std::path::PathBuf;
 
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF files, or `.json` files of contours, of the front, top and side view, in this order; the side view may be left out. One DXF file holds all views.
+    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order; the side view may be left out. One drawing may
+    /// hold all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
@@ -37,13 +37,18 @@ pub struct SolidJob {
     pub level: f64,
     /// Of contours, the graphs of each view and the composite graph: `.json`, `.dot`.
     pub graphs: Vec<PathBuf>,
-    /// STEP files to write; of contours also `.json`, what is known of the sizes.
+    /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write; of contours also `.json`, what is known of the sizes.
     pub outputs: Vec<PathBuf>,
+    /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's size where none is given.
+    pub mesh_tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
     /// The unit where no file names it.
     pub unit: Option<Unit>,
 }
+
+/// Chords of a mesh miss the solid by this share of the drawing's size where no tolerance is given.
+pub const DEFAULT_CHORD: f64 = 5e-4;
 
 /// Faces by the kind of their surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -90,6 +95,17 @@ pub struct UnexplainedLine {
     pub why: String,
 }
 
+/// A solid that the search found, and that shows other lines than the drawing: it is not written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RefusedSolid {
+    /// Its volume, in the unit to the third power.
+    pub volume: f64,
+    /// Its faces.
+    pub faces: FaceCounts,
+    /// The lines in which it differs.
+    pub differences: Vec<UnexplainedLine>,
+}
+
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SolidReport {
@@ -99,6 +115,8 @@ pub struct SolidReport {
     pub complete: bool,
     /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
+    /// Solids that were found, but whose views are not the drawing.
+    pub refused: Vec<RefusedSolid>,
     /// Of contours, how they were matched, and the best solid's sizes with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
@@ -116,7 +134,8 @@ pub struct SolidReport {
 ///
 /// # Errors
 /// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines can be explained, but no boundary
-/// closes; `Io` for file trouble. That no solid has these views is an answer: no solutions, and the lines that none explains.
+/// closes; `Unsupported` where a mesh is asked for and a face cannot be filled; `Io` for file trouble. That no solid has these views is an answer: no
+/// solutions, and the lines that none explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     plan(job)?;
     progress.check("reading", 0.0)?;
@@ -127,14 +146,28 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
     };
     let (drawing, unit) = match &noisy {
         Some(noisy) => (noisy.consistent.exact_views()?, noisy.unit),
-        None => read(job, &mut warnings)?,
+        None => drawing::read(job, &mut warnings)?,
     };
     progress.check("searching", 0.1)?;
     let found = solve(&drawing).map_err(|e| match &noisy {
         Some(noisy) => noisy.explain(e),
-        None => e,
+        None => drawing::explain(e, &drawing, &job.views),
     })?;
-    let geometry = match (&noisy, found.solutions.first()) {
+    progress.check("comparing", 0.6)?;
+    let mut refused = Vec::new();
+    let mut accepted: Vec<&Solution> = Vec::new();
+    for solution in &found.solutions {
+        let differences = disagreements(&solution.solid, &drawing, &CompareOptions::default());
+        match differences.is_empty() {
+            true => accepted.push(solution),
+            false => refused.push(RefusedSolid {
+                volume: solution.measures.volume,
+                faces: counts(&solution.solid),
+                differences: differences.iter().map(line_of).collect(),
+            }),
+        }
+    }
+    let geometry = match (&noisy, accepted.first()) {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
     };
@@ -144,31 +177,26 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
             found.solutions.len()
         ));
     }
-    let mut solutions = Vec::new();
-    let mut written = Vec::new();
-    for (index, solution) in found.solutions.iter().enumerate() {
-        progress.check(crate::progress::WRITING_STAGE, 0.9)?;
-        let mut file = None;
-        let solids = job.outputs.iter().filter(|output| extension(output) != "json");
-        for output in solids.filter(|_| index == 0 || job.all) {
-            let path = if job.all {
-                numbered(output, index + 1)
-            } else {
-                output.clone()
-            };
-            write_solid(&path, &solution.solid, &options(output, unit))?;
-            file.get_or_insert(path.display().to_string());
-            written.push(path);
-        }
-        solutions.push(RankedSolid {
+    if accepted.is_empty() && noisy.is_none() {
+        warnings.extend(drawing::open_ends(&drawing, &job.views));
+    }
+    progress.check(crate::progress::WRITING_STAGE, 0.9)?;
+    let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
+    let tolerance = job.mesh_tolerance.unwrap_or(DEFAULT_CHORD * drawing.size());
+    let prepared = writing::prepare(job, &accepted[..wanted], tolerance)?;
+    let (files, written) = writing::write(job, &prepared, unit)?;
+    let solutions = accepted
+        .iter()
+        .enumerate()
+        .map(|(index, solution)| RankedSolid {
             rank: index + 1,
-            file,
+            file: files.get(index).cloned().flatten(),
             volume: solution.measures.volume,
             area: solution.measures.area,
             faces: counts(&solution.solid),
             cost: solution.cost,
-        });
-    }
+        })
+        .collect();
     let mut report = SolidReport {
         solutions,
         geometry,
@@ -182,10 +210,14 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
                 why: u.why,
             })
             .collect(),
+        refused,
         warnings,
         unit,
         written,
     };
+    if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
+        report.unexplained.extend(first.differences.iter().cloned());
+    }
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.warnings)?.as_ref())?;
@@ -209,12 +241,18 @@ fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
 }
 
-fn options(output: &Path, unit: Unit) -> StepOptions {
-    StepOptions {
-        name: output.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-        unit,
-        uncertainty: UNCERTAINTY_MM / unit.millimetres(),
-        ..StepOptions::default()
+fn line_of(difference: &Disagreement) -> UnexplainedLine {
+    let more = match difference.places {
+        0 | 1 => String::new(),
+        n => format!(" and at {} more places", n - 1),
+    };
+    UnexplainedLine {
+        view: difference.view.name(),
+        entity: difference.entity.clone(),
+        why: format!(
+            "{} at {:.4} {:.4}{more}",
+            difference.why, difference.at[0], difference.at[1]
+        ),
     }
 }
 
@@ -230,15 +268,10 @@ fn counts(solid: &Solid) -> FaceCounts {
     }
 }
 
-/// `part.step` becomes `part.2.step`.
-fn numbered(path: &Path, rank: usize) -> PathBuf {
-    path.with_extension(format!("{rank}.{}", extension(path)))
-}
-
 fn plan(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "needed DXF files of the front, top and side view, in this order (the side may be left out), or one file with all of them, found {}",
+            "needed drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be left out), or one file with all of them, found {}",
             job.views.len()
         )));
     }
@@ -272,101 +305,26 @@ fn plan(job: &SolidJob) -> Result<()> {
         refuse_input_as_output(graphs, &job.views)?;
         check_writable(graphs)?;
     }
+    if let Some(tolerance) = job.mesh_tolerance
+        && !(tolerance > 0.0 && tolerance.is_finite())
+    {
+        return Err(Error::input(format!("needed a mesh tolerance > 0, found {tolerance}")));
+    }
     for output in &job.outputs {
         let may_be_json = is_contours(job) && extension(output) == "json";
-        if !may_be_json && !matches!(extension(output).as_str(), "step" | "stp") {
+        if !may_be_json && !writing::is_solid_file(output) {
             let json = if is_contours(job) {
                 ", what is known of their sizes as .json"
             } else {
                 ""
             };
             return Err(Error::unsupported(format!(
-                "{}: solids are written as .step or .stp{json}",
+                "{}: solids are written as .step or .stp, and their meshes as .ply, .stl, .glb or .obj{json}",
                 output.display()
             )));
         }
         refuse_input_as_output(output, &job.views)?;
         check_writable(output)?;
-    }
-    Ok(())
-}
-
-fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
-    let mut drawing = Drawing::default();
-    let mut unit = None;
-    for (path, kind) in job.views.iter().zip(kinds(job)) {
-        let found = read_dxf(path)?;
-        let name = path.display();
-        if found.curves.is_empty() {
-            return Err(Error::input(format!(
-                "{name}: needed lines, arcs or circles of {}, found none",
-                match job.views.len() {
-                    1 => "two or three views".to_owned(),
-                    _ => format!("the {} view", kind.name()),
-                }
-            )));
-        }
-        if let (Some(a), Some(b)) = (unit, found.unit)
-            && a != b
-        {
-            return Err(Error::input(format!(
-                "{name}: is in {b}, and a view before it in {a}: needed one unit"
-            )));
-        }
-        unit = unit.or(found.unit);
-        for (kind, count) in &found.passed_over {
-            warnings.push(format!("{name}: passed over {count} of {kind}: it draws no edges"));
-        }
-        warnings.extend(found.warnings.iter().map(|w| format!("{name}: {w}")));
-        drawing.views.push(View {
-            kind,
-            curves: found.curves,
-        });
-    }
-    if let [path] = &job.views[..] {
-        let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
-        drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
-    }
-    check_extents(&drawing, &job.views)?;
-    Ok((drawing, unit.or(job.unit).unwrap_or(Unit::Millimetre)))
-}
-
-/// Views that share an axis must span the same range of it.
-fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
-    let mut seen: [Option<([f64; 2], usize)>; 3] = [None; 3];
-    for (index, view) in drawing.views.iter().enumerate() {
-        for k in 0..2 {
-            let axis = view.kind.axes()[k];
-            let mut range = [f64::MAX, f64::MIN];
-            let mut ends = ["", ""];
-            for drawn in &view.curves {
-                for p in drawn.curve.points() {
-                    if p[k] < range[0] {
-                        (range[0], ends[0]) = (p[k], &drawn.entity);
-                    }
-                    if p[k] > range[1] {
-                        (range[1], ends[1]) = (p[k], &drawn.entity);
-                    }
-                }
-            }
-            let Some((first, other)) = seen[axis] else {
-                seen[axis] = Some((range, index));
-                continue;
-            };
-            let size = (first[1] - first[0]).max(range[1] - range[0]);
-            if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
-                return Err(Error::input(format!(
-                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}: needed views of one scale in one frame",
-                    paths[index.min(paths.len() - 1)].display(),
-                    ends[end],
-                    ["x", "y", "z"][axis],
-                    range[end],
-                    drawing.views[other].kind.name(),
-                    paths[other.min(paths.len() - 1)].display(),
-                    first[end]
-                )));
-            }
-        }
     }
     Ok(())
 }

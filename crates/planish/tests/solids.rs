@@ -23,6 +23,7 @@ fn solved(views: Vec<PathBuf>, outputs: Vec<PathBuf>) -> planish::Result<SolidRe
         level: 0.001,
         graphs: Vec::new(),
         outputs,
+        mesh_tolerance: None,
         all: false,
         unit: None,
     };
@@ -85,6 +86,11 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
         .iter()
         .any(|w| w.contains("LINE 16") && w.contains("no length"));
     assert!(named, "{:?}", report.warnings);
+    let twice = report
+        .warnings
+        .iter()
+        .any(|w| w.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
+    assert!(twice, "{:?}", report.warnings);
 }
 
 #[test]
@@ -99,6 +105,17 @@ fn an_open_contour_is_refused_and_its_ends_are_told() {
         "{:?}",
         report.unexplained
     );
+    // The two lines beside the missing one are named with their open ends.
+    for wanted in [
+        "LINE 10 (line 6) of the front view ends at 0.0000 0.0000",
+        "LINE 12 (line 34) of the front view ends at 0.0000 20.0000",
+    ] {
+        assert!(
+            report.warnings.iter().any(|w| w.contains(wanted)),
+            "{:?}",
+            report.warnings
+        );
+    }
 }
 
 #[test]
@@ -106,20 +123,133 @@ fn views_of_another_scale_and_single_views_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let e = solved(box_with(rectangle(80.0, 40.0), folder.path()), Vec::new()).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Input);
-    assert!(e.to_string().contains("LINE"), "{e}");
+    assert!(
+        e.to_string().contains("LINE") && e.to_string().contains("it is 0.5000 times as long"),
+        "{e}"
+    );
     let one = box_with(rectangle(40.0, 20.0), folder.path()).remove(0);
     let e = solved(vec![one], Vec::new()).unwrap_err();
     assert!(e.to_string().contains("found 1"), "{e}");
 }
 
+#[test]
+fn meshes_are_closed_and_as_near_as_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let outputs: Vec<PathBuf> = ["ply", "stl", "glb", "obj"]
+        .map(|e| folder.path().join(format!("bracket.{e}")))
+        .to_vec();
+    let job = |tolerance: f64| SolidJob {
+        views: bracket(),
+        projection: Projection::FirstAngle,
+        kinds: None,
+        level: 0.001,
+        graphs: Vec::new(),
+        outputs: outputs.clone(),
+        mesh_tolerance: Some(tolerance),
+        all: false,
+        unit: None,
+    };
+    let mut triangles = 0;
+    for tolerance in [0.1, 0.01] {
+        let report = solid_files(&job(tolerance), &Silent).unwrap();
+        assert_eq!(report.written, outputs);
+        let exact = &report.solutions[0];
+        for path in &outputs {
+            let read = planish_exchange::mesh::read_mesh(path).unwrap();
+            let unit = read.unit;
+            let mesh = planish_mesh::TriangleMesh::try_new(read.points, read.triangles)
+                .unwrap()
+                .welded();
+            let found = mesh.check();
+            assert!(
+                found.watertight && found.oriented && found.manifold,
+                "{}",
+                path.display()
+            );
+            // GLB holds metres.
+            let scale = unit.map_or(1.0, planish_exchange::Unit::millimetres);
+            let volume = mesh.signed_volume().unwrap() * scale.powi(3);
+            assert!(
+                (volume - exact.volume).abs() < tolerance * exact.area,
+                "{}: {volume}",
+                path.display()
+            );
+        }
+        let made = planish_exchange::mesh::read_mesh(&outputs[0]).unwrap().triangles.len();
+        assert!(made > triangles);
+        triangles = made;
+    }
+    let e = solid_files(&job(-1.0), &Silent).unwrap_err();
+    assert!(e.to_string().contains("needed a mesh tolerance > 0"), "{e}");
+}
+
+#[test]
+fn views_in_svg_give_the_same_solid() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, body: &str| {
+        let path = folder.path().join(format!("{name}.svg"));
+        let text = format!("<svg xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 100'>{body}</svg>");
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    // The box of 40 × 30 × 20 with a hole of diameter 12, each view anywhere on its page.
+    let dashed = "stroke-dasharray='3 2'";
+    let views = vec![
+        write(
+            "front",
+            &format!("<rect x='7' y='9' width='40' height='20'/><path {dashed} d='M21 9v20M33 9v20'/>"),
+        ),
+        write(
+            "top",
+            "<rect x='3' y='30' width='40' height='30'/><circle cx='23' cy='45' r='6'/>",
+        ),
+        write(
+            "side",
+            &format!(
+                "<rect width='30' height='20'/><g {dashed}><line x1='9' x2='9' y2='20'/><line x1='21' x2='21' y2='20'/></g>"
+            ),
+        ),
+    ];
+    let report = solved(views, Vec::new()).unwrap();
+    assert_eq!(report.solutions.len(), 1);
+    let best = &report.solutions[0];
+    assert!((best.volume - 21_738.053_289).abs() < 1e-6, "{}", best.volume);
+    assert_eq!((best.faces.plane, best.faces.cylinder), (6, 1));
+}
+
+#[test]
+fn a_solid_that_shows_other_lines_than_the_drawing_is_refused() {
+    let folder = data().join("drawings");
+    if !folder.is_dir() {
+        println!("skipped: {} is not there", folder.display());
+        return;
+    }
+    // The search finds five solids; four of them have hidden lines that the drawing has not.
+    let views = VIEWS
+        .map(|v| folder.join(format!("ex_boxes_on_faces.{v}.dxf")))
+        .to_vec();
+    let report = solved(views, Vec::new()).unwrap();
+    assert_eq!((report.solutions.len(), report.refused.len()), (1, 4));
+    assert_eq!(report.solutions[0].faces.plane, 36);
+    for refused in &report.refused {
+        assert!(
+            refused.differences.iter().all(|d| d.why.contains("none is drawn")),
+            "{refused:?}"
+        );
+    }
+}
+
+fn data() -> PathBuf {
+    std::env::var_os("PLANISH_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
+        PathBuf::from,
+    )
+}
+
 /// Drawings that caught a wrong rule once: holes that touch walls and planes, circles in pieces, holes that cross.
 #[test]
 fn known_parts_come_out_as_they_are() {
-    let data = std::env::var_os("PLANISH_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
-        PathBuf::from,
-    );
-    let folder = data.join("drawings");
+    let folder = data().join("drawings");
     if !folder.is_dir() {
         println!("skipped: {} is not there", folder.display());
         return;

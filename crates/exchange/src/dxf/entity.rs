@@ -129,6 +129,35 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
         .collect())
 }
 
+/// The curves of an old-style polyline with its vertices; none for meshes.
+pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Option<Vec<Curve2>>> {
+    let flags = record.number(70)?.unwrap_or(0.0) as i64;
+    if flags & (16 | 64) != 0 {
+        return Ok(None);
+    }
+    if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
+        return Err(Error::input(
+            "needed an entity in the xy plane, found another extrusion direction",
+        ));
+    }
+    let mut corners: Vec<([f64; 2], f64)> = Vec::with_capacity(vertices.len());
+    for vertex in vertices {
+        // Points that a spline only leans on are no corners.
+        if vertex.number(70)?.unwrap_or(0.0) as i64 & 16 == 0 {
+            let at = point(vertex, 10).map_err(|e| e.in_context(vertex.name()))?;
+            corners.push((at, vertex.number(42)?.unwrap_or(0.0)));
+        }
+    }
+    let n = corners.len();
+    let spans = if flags & 1 == 1 { n } else { n.saturating_sub(1) };
+    let curves = (0..spans).map(|k| span(corners[k].0, corners[(k + 1) % n].0, corners[k].1));
+    let mirrored = record.number(230)?.is_some_and(|z| z < 0.0);
+    Ok(Some(match mirrored {
+        true => curves.map(|c| c.moved(|[x, y]| [-x, y], true)).collect(),
+        false => curves.collect(),
+    }))
+}
+
 /// A span with bulge `b = tan(θ/4)`, θ the angle of its arc.
 fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     if bulge == 0.0 {

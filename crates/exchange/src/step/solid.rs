@@ -3,8 +3,9 @@
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
 use crate::step::part21::reals;
-use planish_estimate::vector3::{cross, norm, scale};
-use planish_solid::brep::{Curve, Edge, Solid, Surface};
+use planish_estimate::vector3::{add_scaled, cross, norm, scale};
+use planish_solid::brep::{Curve, Edge, Face, Solid, Surface};
+use std::f64::consts::TAU;
 use std::io::{self, Write};
 
 fn write_direction<W: Write>(out: &mut Part21<W>, direction: [f64; 3]) -> io::Result<Id> {
@@ -107,6 +108,58 @@ fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     }
 }
 
+/// Points of an edge at which it is asked around which angles of a cylinder it runs.
+const AROUND: usize = 64;
+/// Where no edge runs around this much of a cylinder, the face does not reach (edges are looked at every 6°).
+const FREE: f64 = TAU / 24.0;
+
+/// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not all the way around: some readers take the
+/// other part of the cylinder for a face of more than half of it that crosses the seam (Open Cascade 7.9 does).
+fn seam_aside(solid: &Solid, face: &Face) -> Surface {
+    let Surface::Cylinder {
+        origin,
+        axis,
+        x,
+        radius,
+    } = face.surface
+    else {
+        return face.surface;
+    };
+    let mut angles: Vec<f64> = face
+        .loops
+        .iter()
+        .flatten()
+        .flat_map(|coedge| {
+            let edge = &solid.edges[coedge.edge];
+            let [from, to] = edge.range;
+            let at = move |k: usize| edge.curve.point(from + (to - from) * k as f64 / AROUND as f64);
+            (0..=AROUND).map(move |k| face.surface.parameters(at(k))[0].rem_euclid(TAU))
+        })
+        .collect();
+    angles.sort_by(f64::total_cmp);
+    let Some(first) = angles.first().copied() else {
+        return face.surface;
+    };
+    // Where the widest part without edges begins, and how wide it is.
+    let (mut begins, mut width) = (angles[angles.len() - 1], first + TAU - angles[angles.len() - 1]);
+    for pair in angles.windows(2) {
+        if pair[1] - pair[0] > width {
+            (begins, width) = (pair[0], pair[1] - pair[0]);
+        }
+    }
+    let holds_seam = begins + width >= TAU;
+    if width < FREE || holds_seam {
+        return face.surface;
+    }
+    let (sin, cos) = (begins + width / 2.0).sin_cos();
+    Surface::Cylinder {
+        origin,
+        axis,
+        x: add_scaled(scale(cos, x), sin, cross(axis, x)),
+        radius,
+    }
+}
+
 /// The shells of a solid: the outer one first, then those of voids.
 pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::Result<Vec<Id>> {
     let mut vertices = Vec::with_capacity(solid.vertices.len());
@@ -127,7 +180,7 @@ pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
         let mut faces = Vec::with_capacity(shell.len());
         for index in shell {
             let face = &solid.faces[index];
-            let surface = write_surface(out, &face.surface)?;
+            let surface = write_surface(out, &seam_aside(solid, face))?;
             let mut bounds = Vec::with_capacity(face.loops.len());
             for (k, ring) in face.loops.iter().enumerate() {
                 let mut oriented = Vec::with_capacity(ring.len());
@@ -152,4 +205,73 @@ pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
         written.push(out.add_list("CLOSED_SHELL('',", &faces)?);
     }
     Ok(written)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_solid::brep::Coedge;
+
+    /// A face of a cylinder between two angles, from z = 0 to 5.
+    fn part(from: f64, to: f64) -> Solid {
+        let surface = Surface::Cylinder {
+            origin: [0.0; 3],
+            axis: [0.0, 0.0, 1.0],
+            x: [1.0, 0.0, 0.0],
+            radius: 2.0,
+        };
+        let at = |angle: f64, z: f64| surface.point([angle, z]);
+        let arc = |z: f64, [start, end]: [usize; 2]| Edge {
+            curve: Curve::Ellipse {
+                center: [0.0, 0.0, z],
+                a: [2.0, 0.0, 0.0],
+                b: [0.0, 2.0, 0.0],
+            },
+            range: [from, to],
+            start,
+            end,
+        };
+        let line = |angle: f64, [start, end]: [usize; 2]| Edge {
+            curve: Curve::Line {
+                origin: at(angle, 0.0),
+                direction: [0.0, 0.0, 1.0],
+            },
+            range: [0.0, 5.0],
+            start,
+            end,
+        };
+        let uses = [(0, true), (1, true), (2, false), (3, false)];
+        Solid {
+            vertices: vec![at(from, 0.0), at(to, 0.0), at(to, 5.0), at(from, 5.0)],
+            edges: vec![arc(0.0, [0, 1]), line(to, [1, 2]), arc(5.0, [3, 2]), line(from, [0, 3])],
+            faces: vec![Face {
+                surface,
+                outward: true,
+                loops: vec![uses.map(|(edge, forward)| Coedge { edge, forward }).to_vec()],
+            }],
+        }
+    }
+
+    #[test]
+    fn a_face_that_crosses_the_seam_gets_it_on_the_other_side() {
+        // 185 degrees across angle 0.
+        let (from, to) = (-100_f64.to_radians(), 85_f64.to_radians());
+        let solid = part(from, to);
+        let turned = seam_aside(&solid, &solid.faces[0]);
+        let angle = |t: f64| turned.parameters(solid.edges[0].curve.point(t))[0].rem_euclid(TAU);
+        let mut last = 0.0;
+        for k in 0..=20 {
+            let at = angle(from + (to - from) * f64::from(k) / 20.0);
+            assert!(at > last && at < TAU, "{at} after {last}");
+            last = at;
+        }
+    }
+
+    #[test]
+    fn a_face_beside_the_seam_or_all_around_keeps_it() {
+        for (from, to) in [(0.5, 4.0), (0.0, TAU)] {
+            let solid = part(from, to);
+            assert_eq!(seam_aside(&solid, &solid.faces[0]), solid.faces[0].surface);
+        }
+    }
 }

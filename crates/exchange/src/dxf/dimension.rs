@@ -1,0 +1,173 @@
+//! Dimensions that contradict what is drawn.
+//!
+//! Comes in: `DIMENSION`s, linear, aligned, of diameters and radii, and the drawing's curves. Goes out: in words that name the entity, those whose
+//! number is another than the distance of the points that they measure, and those whose points lie on no line (the drawing was changed after them).
+//!
+//! Not guaranteed: angles, ordinates, and texts without a number are not looked at; dimension styles that scale lengths are taken at their word
+//! where the file holds the measurement beside the text.
+
+use super::groups::Record;
+use planish_estimate::Result;
+use planish_solid::views::{Curve2, DrawnCurve};
+
+/// Points lie on lines within this share of the drawing's size.
+const ON_LINE: f64 = 2e-3;
+
+/// What contradicts the drawing, in words.
+pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
+    let points = || curves.iter().flat_map(|c| c.curve.points());
+    let extent = |k: usize| {
+        let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
+        hi - lo
+    };
+    let near = ON_LINE * extent(0).max(extent(1));
+    let mut found = Vec::new();
+    for record in dimensions {
+        let Some(measured) = Measured::of(record)? else {
+            continue;
+        };
+        let name = record.name();
+        let exact = measured.length();
+        let text = stated(record.text(1).unwrap_or_default());
+        let kept = record.number(42)?.filter(|m| *m > 0.0).map(|m| (m, 1e-6 * m));
+        // A text of its own counts; else what the file keeps as the measurement.
+        if let Some((value, rounding)) = text.or(kept)
+            && (value - exact).abs() > rounding + 1e-6 * exact
+        {
+            found.push(format!("{name} says {value}, but {} {exact:.6}", measured.what));
+            continue;
+        }
+        let loose = measured
+            .touching()
+            .into_iter()
+            .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
+        if let Some([x, y]) = loose {
+            found.push(format!(
+                "{name} measures from {x:.4} {y:.4}, where no line is: the drawing and its dimension differ"
+            ));
+        }
+    }
+    Ok(found)
+}
+
+/// What a dimension measures.
+struct Measured {
+    points: [[f64; 2]; 2],
+    /// The direction along which it measures; none for the distance itself.
+    along: Option<[f64; 2]>,
+    /// Whether both points lie on the thing measured, and not the second alone.
+    both: bool,
+    what: &'static str,
+}
+
+impl Measured {
+    fn of(record: &Record) -> Result<Option<Self>> {
+        let point = |code: i32| {
+            Ok::<_, planish_estimate::Error>(match (record.number(code)?, record.number(code + 10)?) {
+                (Some(x), Some(y)) => Some([x, y]),
+                _ => None,
+            })
+        };
+        let kind = record.number(70)?.unwrap_or(0.0) as i64 & 7;
+        let (first, second, along, both, what) = match kind {
+            0 | 1 => {
+                let angle = record.number(50)?.unwrap_or(0.0).to_radians();
+                let along = (kind == 0).then(|| [angle.cos(), angle.sin()]);
+                (
+                    point(13)?,
+                    point(14)?,
+                    along,
+                    true,
+                    "the points that it measures are apart by",
+                )
+            }
+            3 => (
+                point(10)?,
+                point(15)?,
+                None,
+                true,
+                "its two points of the circle are apart by",
+            ),
+            4 => (point(10)?, point(15)?, None, false, "its point is from its centre by"),
+            _ => return Ok(None),
+        };
+        Ok(first.zip(second).map(|(a, b)| Self {
+            points: [a, b],
+            along,
+            both,
+            what,
+        }))
+    }
+
+    fn length(&self) -> f64 {
+        let [a, b] = self.points;
+        let d = [b[0] - a[0], b[1] - a[1]];
+        match self.along {
+            Some(along) => (d[0] * along[0] + d[1] * along[1]).abs(),
+            None => d[0].hypot(d[1]),
+        }
+    }
+
+    /// Points that lie on lines.
+    fn touching(&self) -> Vec<[f64; 2]> {
+        self.points[usize::from(!self.both)..].to_vec()
+    }
+}
+
+/// The number of a dimension's text and half of its last digit; none where it has none of its own.
+fn stated(text: &str) -> Option<(f64, f64)> {
+    // `<>` stands for the measurement; what stands before and behind it is no number of its own. `\\A1;` and the like are codes of fonts.
+    if text.contains("<>") {
+        return None;
+    }
+    let mut plain = String::new();
+    let mut left = text;
+    while let Some(at) = left.find('\\') {
+        plain.push_str(&left[..at]);
+        let code = &left[at + 1..];
+        left = match (code.chars().next(), code.find(';')) {
+            (Some('P' | '~' | 'L' | 'l' | 'O' | 'o' | 'K' | 'k'), _) => &code[1..],
+            (Some(_), Some(end)) => &code[end + 1..],
+            _ => "",
+        };
+        plain.push(' ');
+    }
+    plain.push_str(left);
+    let plain = plain
+        .replace("%%c", " ")
+        .replace("%%C", " ")
+        .replace("%%p", "±")
+        .replace("%%P", "±")
+        .replace(',', ".");
+    let begin = plain.find(|c: char| c.is_ascii_digit())?;
+    let number: String = plain[begin..]
+        .chars()
+        .take_while(|c| c.is_ascii_digit() || *c == '.')
+        .collect();
+    let number = number.trim_end_matches('.');
+    // Counts (`4x 5`), fractions, angles and threads are no lengths to compare.
+    let behind = plain[begin + number.len()..].trim_start();
+    let before = plain[..begin].trim_end();
+    if behind.starts_with(['x', 'X', '/', '°', '×', '%']) || before.ends_with(['M', '/', '-']) {
+        return None;
+    }
+    let decimals = number.split_once('.').map_or(0, |(_, d)| d.len() as i32);
+    Some((number.parse().ok()?, 0.5 * 10_f64.powi(-decimals) * 1.001))
+}
+
+fn distance_to(curve: &Curve2, p: [f64; 2]) -> f64 {
+    if let Curve2::Arc { center, radius, .. } = curve {
+        return ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs();
+    }
+    let to_piece = |q: &[[f64; 2]]| {
+        let d = [q[1][0] - q[0][0], q[1][1] - q[0][1]];
+        let square = d[0] * d[0] + d[1] * d[1];
+        let share = if square > 0.0 {
+            (((p[0] - q[0][0]) * d[0] + (p[1] - q[0][1]) * d[1]) / square).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        (q[0][0] + share * d[0] - p[0]).hypot(q[0][1] + share * d[1] - p[1])
+    };
+    curve.points().windows(2).map(to_piece).fold(f64::MAX, f64::min)
+}

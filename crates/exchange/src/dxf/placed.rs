@@ -1,0 +1,258 @@
+//! Entities where they are drawn: as they are, or by blocks that `INSERT`s place.
+//!
+//! A block's point p stands at `P + R S (p − b)`: b the block's base point, S the insert's scales along x and y, R its rotation, P its own point. Blocks
+//! may hold inserts. On layer 0 a block's entity takes the layer of its insert, and with line type `BYBLOCK` its line type.
+
+use super::entity::{curves_of, polyline_curves};
+use super::groups::Record;
+use super::{DxfDrawing, MOST_ENTITIES, too_many};
+use crate::affine::Affine;
+use planish_estimate::{Error, Result};
+use planish_solid::views::{DrawnCurve, LineStyle};
+use std::collections::{BTreeMap, HashMap};
+
+/// Blocks within blocks go no deeper.
+const DEEPEST: usize = 16;
+
+/// Entities in the file's order; an old-style polyline with its vertices.
+#[derive(Default)]
+pub(super) struct Items(Vec<(Record, Vec<Record>)>);
+
+impl Items {
+    pub(super) fn add(&mut self, record: Record) {
+        match (record.kind.as_str(), self.0.last_mut()) {
+            ("VERTEX", Some((polyline, vertices))) if polyline.kind == "POLYLINE" => vertices.push(record),
+            ("SEQEND", _) => {}
+            _ => self.0.push((record, Vec::new())),
+        }
+    }
+}
+
+/// A block of entities.
+pub(super) struct Block {
+    base: [f64; 2],
+    pub(super) items: Items,
+}
+
+impl Block {
+    pub(super) fn at(record: &Record) -> Result<Self> {
+        Ok(Self {
+            base: [record.number(10)?.unwrap_or(0.0), record.number(20)?.unwrap_or(0.0)],
+            items: Items::default(),
+        })
+    }
+}
+
+/// Layers with their line types, and blocks, by names in capitals.
+#[derive(Default)]
+pub(super) struct Sheet {
+    pub(super) layers: BTreeMap<String, String>,
+    pub(super) blocks: HashMap<String, Block>,
+}
+
+/// Where and how entities are drawn.
+#[derive(Clone)]
+pub(super) struct Place {
+    map: Affine,
+    /// Layer and line type of the insert.
+    outer: Option<(String, String)>,
+    /// Which blocks and inserts the entities are of, in words.
+    named: String,
+    depth: usize,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self {
+            map: Affine::IDENTITY,
+            outer: None,
+            named: String::new(),
+            depth: 0,
+        }
+    }
+}
+
+impl Place {
+    /// The place of what a block holds that is inserted here, `shift` away in the insert's own directions.
+    fn of_insert(&self, record: &Record, block: &Block, shift: [f64; 2], style: (String, String)) -> Result<Self> {
+        let number = |code: i32, default: f64| Ok::<f64, Error>(record.number(code)?.unwrap_or(default));
+        let (sin, cos) = number(50, 0.0)?.to_radians().sin_cos();
+        let (sx, sy) = (number(41, 1.0)?, number(42, 1.0)?);
+        if sx == 0.0 || sy == 0.0 {
+            return Err(Error::input("needed scales other than 0"));
+        }
+        // An extrusion direction of −z mirrors x.
+        let mirror = if number(230, 1.0)? < 0.0 { -1.0 } else { 1.0 };
+        let columns = [[mirror * sx * cos, sx * sin], [-mirror * sy * sin, sy * cos]];
+        let at = [number(10, 0.0)?, number(20, 0.0)?];
+        let [dx, dy] = shift;
+        let [bx, by] = block.base;
+        let own = [
+            mirror * (at[0] + cos * dx - sin * dy) - columns[0][0] * bx - columns[1][0] * by,
+            at[1] + sin * dx + cos * dy - columns[0][1] * bx - columns[1][1] * by,
+        ];
+        Ok(Self {
+            map: self.map.after(&Affine { columns, origin: own }),
+            outer: Some(style),
+            named: format!(
+                "{} in block {} by {}",
+                self.named,
+                record.text(2).unwrap_or_default(),
+                record.name()
+            ),
+            depth: self.depth + 1,
+        })
+    }
+}
+
+/// Kinds that draw no edges: how many, and the first one.
+pub(super) type PassedOver = BTreeMap<String, (usize, String)>;
+
+/// Draws entities into a drawing.
+pub(super) struct Drawer<'a> {
+    sheet: &'a Sheet,
+    drawing: DxfDrawing,
+    dimensions: Vec<&'a Record>,
+    passed_over: PassedOver,
+    drawn: usize,
+}
+
+impl<'a> Drawer<'a> {
+    pub(super) fn new(sheet: &'a Sheet, drawing: DxfDrawing) -> Self {
+        Self {
+            sheet,
+            drawing,
+            dimensions: Vec::new(),
+            passed_over: PassedOver::new(),
+            drawn: 0,
+        }
+    }
+
+    /// The drawing, the dimensions outside blocks, and what draws no edges.
+    pub(super) fn finish(self) -> (DxfDrawing, Vec<&'a Record>, PassedOver) {
+        (self.drawing, self.dimensions, self.passed_over)
+    }
+
+    pub(super) fn draw<'b: 'a>(&mut self, items: &'b Items, place: &Place) -> Result<()> {
+        for (record, vertices) in &items.0 {
+            // Blocks within blocks multiply.
+            self.drawn += 1;
+            if self.drawn > MOST_ENTITIES {
+                return Err(too_many());
+            }
+            // Paper space holds sheets, not the part.
+            if record.number(67)?.is_some_and(|space| space == 1.0) {
+                continue;
+            }
+            match record.kind.as_str() {
+                "INSERT" => self.insert(record, place).map_err(|e| e.in_context(record.name()))?,
+                "DIMENSION" if place.depth == 0 => self.dimensions.push(record),
+                _ => self.draw_one(record, vertices, place)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn draw_one(&mut self, record: &Record, vertices: &[Record], place: &Place) -> Result<()> {
+        let name = format!("{}{}", record.name(), place.named);
+        let Some(style) = style_of(record, &self.sheet.layers, place.outer.as_ref()) else {
+            self.pass_over("centre line", name);
+            return Ok(());
+        };
+        let curves = match record.kind.as_str() {
+            "POLYLINE" => polyline_curves(record, vertices),
+            _ => curves_of(record),
+        };
+        let Some(curves) = curves.map_err(|e| e.in_context(&name))? else {
+            self.pass_over(&record.kind, name);
+            return Ok(());
+        };
+        for curve in curves {
+            if curve.length() <= 0.0 {
+                self.drawing
+                    .warnings
+                    .push(format!("{name} has no length: it is left out"));
+                continue;
+            }
+            self.drawing.curves.push(DrawnCurve {
+                curve: if place.depth == 0 {
+                    curve
+                } else {
+                    place.map.curve(&curve)
+                },
+                style,
+                entity: name.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, record: &Record, place: &Place) -> Result<()> {
+        let name = record.text(2).unwrap_or_default();
+        let sheet: &'a Sheet = self.sheet;
+        let Some(block) = sheet.blocks.get(&name.to_uppercase()) else {
+            return Err(Error::input(format!(
+                "needed the block `{name}` in the section BLOCKS, found none"
+            )));
+        };
+        if place.depth >= DEEPEST {
+            return Err(Error::input(format!(
+                "blocks within blocks go more than {DEEPEST} deep: does `{name}` hold itself?"
+            )));
+        }
+        if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
+            return Err(Error::input(
+                "needed an entity in the xy plane, found another extrusion direction",
+            ));
+        }
+        let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
+        let (columns, rows) = (count(70)?, count(71)?);
+        let (dx, dy) = (record.number(44)?.unwrap_or(0.0), record.number(45)?.unwrap_or(0.0));
+        if columns.saturating_mul(rows) > MOST_ENTITIES {
+            return Err(too_many());
+        }
+        let style = outer_style(record, &self.sheet.layers, place.outer.as_ref());
+        for k in 0..columns * rows {
+            let shift = [(k % columns) as f64 * dx, (k / columns) as f64 * dy];
+            let inner = place.of_insert(record, block, shift, style.clone())?;
+            self.draw(&block.items, &inner)?;
+        }
+        Ok(())
+    }
+
+    fn pass_over(&mut self, kind: &str, name: String) {
+        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    }
+}
+
+/// The layer and line type that an entity is drawn with, in capitals.
+fn outer_style(
+    record: &Record,
+    layers: &BTreeMap<String, String>,
+    outer: Option<&(String, String)>,
+) -> (String, String) {
+    let mut layer = record.text(8).unwrap_or_default().to_uppercase();
+    if let (Some((outer, _)), "0" | "") = (outer, layer.as_str()) {
+        layer.clone_from(outer);
+    }
+    let own = record.text(6).unwrap_or("BYLAYER").to_uppercase();
+    let line_type = match (own.as_str(), outer) {
+        ("BYBLOCK", Some((_, line_type))) => line_type.clone(),
+        ("BYLAYER" | "BYBLOCK", _) => layers.get(&layer).cloned().unwrap_or_default(),
+        _ => own,
+    };
+    (layer, line_type)
+}
+
+/// The style by line type, else by the layer's name or line type; none for centre lines.
+fn style_of(record: &Record, layers: &BTreeMap<String, String>, outer: Option<&(String, String)>) -> Option<LineStyle> {
+    let (layer, line_type) = outer_style(record, layers, outer);
+    let says = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
+    if says(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
+        return None;
+    }
+    Some(match says(&["HIDDEN", "DASH"]) {
+        true => LineStyle::Hidden,
+        false => LineStyle::Visible,
+    })
+}

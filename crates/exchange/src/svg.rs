@@ -1,0 +1,398 @@
+//! SVG (Scalable Vector Graphics): curves of drawings in.
+//!
+//! Comes in: `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse`, `path`, in groups with transforms. Dashed strokes (`stroke-dasharray`, as an
+//! attribute, in `style` or by the class of a `<style>` sheet) and what is in a group or on a layer named `hidden` or `dashed` are hidden lines; strokes
+//! of dashes and dots, and names with `center` or `centre`, are centre lines and left out. Goes out: the same as of a DXF file; y runs up, and lengths
+//! are in millimetres where `width` and `viewBox` say so. Cubic curves that follow a circle within [`FOLLOWS`] of its radius are arcs.
+//!
+//! Not guaranteed: texts, pictures, clones (`use`) and clips draw no edges; fills without a stroke are drawn as outlines.
+//!
+//! # References
+//! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
+
+mod path;
+mod style;
+#[cfg(test)]
+mod tests;
+
+use crate::Unit;
+use crate::affine::Affine;
+use crate::dxf::DxfDrawing;
+use crate::source::read_text;
+use path::path_curves;
+use planish_estimate::{Error, Result};
+use planish_solid::views::{Curve2, DrawnCurve, LineStyle};
+use roxmltree::{Document, Node, ParsingOptions};
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+use std::path::Path;
+use style::{Sheet, Style};
+
+/// A cubic curve that is this near to a circle, as a share of its radius, is an arc of it.
+pub const FOLLOWS: f64 = 4e-4;
+/// More elements than this are not a drawing of a part.
+const MOST_ELEMENTS: u32 = 500_000;
+/// More curves than this are none either.
+const MOST_CURVES: usize = 200_000;
+/// Groups within groups go no deeper.
+const DEEPEST: usize = 64;
+
+/// Reads an SVG file.
+///
+/// # Errors
+/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read; [`Input`](planish_estimate::ErrorKind::Input), naming element and line, where it is
+/// no SVG or an element lacks what it needs.
+pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
+    read_text(path)
+        .and_then(|text| read(&text))
+        .map_err(|e| e.in_context(path.display()))
+}
+
+fn read(text: &str) -> Result<DxfDrawing> {
+    let options = ParsingOptions {
+        allow_dtd: true,
+        nodes_limit: MOST_ELEMENTS,
+        ..ParsingOptions::default()
+    };
+    let document =
+        Document::parse_with_options(text, options).map_err(|e| Error::input(format!("needed an SVG file: {e}")))?;
+    let root = document.root_element();
+    if root.tag_name().name() != "svg" {
+        return Err(Error::input(format!(
+            "needed an SVG file, found the element `{}`",
+            root.tag_name().name()
+        )));
+    }
+    let (scale, unit) = scale(&root)?;
+    let mut reader = Reader {
+        sheet: Sheet::of(&document),
+        drawing: DxfDrawing {
+            unit,
+            ..DxfDrawing::default()
+        },
+        passed_over: BTreeMap::new(),
+    };
+    // Down becomes up.
+    let page = Affine {
+        columns: [[scale, 0.0], [0.0, -scale]],
+        origin: [0.0; 2],
+    };
+    reader.children(&root, &page, Style::default(), 0)?;
+    let mut drawing = reader.drawing;
+    for (kind, (count, first)) in reader.passed_over {
+        drawing.warnings.push(format!(
+            "passed over {count} of {kind}, the first {first}: it draws no edges"
+        ));
+        drawing.passed_over.insert(kind, count);
+    }
+    Ok(drawing)
+}
+
+struct Reader {
+    sheet: Sheet,
+    drawing: DxfDrawing,
+    passed_over: BTreeMap<String, (usize, String)>,
+}
+
+impl Reader {
+    fn children(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
+        if depth > DEEPEST {
+            return Err(Error::input(format!(
+                "{}: groups within groups go more than {DEEPEST} deep",
+                name(node)
+            )));
+        }
+        node.children().filter(Node::is_element).try_for_each(|child| {
+            self.element(&child, outer, style, depth)
+                .map_err(|e| match child.tag_name().name() {
+                    "g" | "svg" | "a" | "switch" => e,
+                    _ => e.in_context(name(&child)),
+                })
+        })
+    }
+
+    fn element(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
+        let style = style.of(node, &self.sheet);
+        if !style.is_shown {
+            return Ok(());
+        }
+        let own = match node.attribute("transform") {
+            Some(text) => transform(text)?,
+            None => Affine::IDENTITY,
+        };
+        let place = outer.after(&own);
+        if !place.is_finite() {
+            return Err(Error::input("needed a transform of moderate numbers"));
+        }
+        let kind = node.tag_name().name();
+        let curves = match kind {
+            "g" | "a" | "switch" => return self.children(node, &place, style, depth + 1),
+            "svg" => {
+                let moved = Affine {
+                    origin: [length(node, "x", 0.0)?, length(node, "y", 0.0)?],
+                    ..Affine::IDENTITY
+                };
+                return self.children(node, &place.after(&moved), style, depth + 1);
+            }
+            "line" => {
+                let [a, b, c, d] = [
+                    length(node, "x1", 0.0)?,
+                    length(node, "y1", 0.0)?,
+                    length(node, "x2", 0.0)?,
+                    length(node, "y2", 0.0)?,
+                ];
+                vec![Curve2::Segment([a, b], [c, d])]
+            }
+            "polyline" | "polygon" => polygon(node.attribute("points").unwrap_or_default(), kind == "polygon")?,
+            "rect" => rectangle(node)?,
+            "circle" => {
+                let r = length(node, "r", 0.0)?;
+                ellipse([length(node, "cx", 0.0)?, length(node, "cy", 0.0)?], [r, r])?
+            }
+            "ellipse" => ellipse(
+                [length(node, "cx", 0.0)?, length(node, "cy", 0.0)?],
+                [length(node, "rx", 0.0)?, length(node, "ry", 0.0)?],
+            )?,
+            "path" => path_curves(node.attribute("d").unwrap_or_default())?,
+            // What is kept to be used elsewhere, and what says something about the drawing.
+            "defs" | "symbol" | "clipPath" | "mask" | "pattern" | "marker" | "style" | "title" | "desc"
+            | "metadata" | "namedview" | "script" => return Ok(()),
+            _ => {
+                self.pass_over(kind, name(node));
+                return Ok(());
+            }
+        };
+        let Some(line_style) = style.line else {
+            self.pass_over("centre line", name(node));
+            return Ok(());
+        };
+        self.add(&curves, line_style, &place, name(node))
+    }
+
+    fn add(&mut self, curves: &[Curve2], style: LineStyle, place: &Affine, entity: String) -> Result<()> {
+        if self.drawing.curves.len() + curves.len() > MOST_CURVES {
+            return Err(Error::input(format!("needed at most {MOST_CURVES} curves, found more")));
+        }
+        for curve in curves {
+            let curve = place.curve(curve);
+            if curve.length() <= 0.0 {
+                self.drawing
+                    .warnings
+                    .push(format!("{entity} has no length: it is left out"));
+                continue;
+            }
+            self.drawing.curves.push(DrawnCurve {
+                curve,
+                style,
+                entity: entity.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    fn pass_over(&mut self, kind: &str, name: String) {
+        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    }
+}
+
+/// An element in words: kind, id, line.
+fn name(node: &Node<'_, '_>) -> String {
+    let line = node.document().text_pos_at(node.range().start).row;
+    match node.attribute("id") {
+        Some(id) => format!("{} {id} (line {line})", node.tag_name().name()),
+        None => format!("{} (line {line})", node.tag_name().name()),
+    }
+}
+
+/// A number of moderate size.
+fn number(text: &str) -> Result<f64> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|x: &f64| x.is_finite() && x.abs() < 1e12)
+        .ok_or_else(|| {
+            let found: String = text.chars().take(40).collect();
+            Error::input(format!("needed a number, found `{found}`"))
+        })
+}
+
+/// Millimetres of a unit; none for one that has no length of its own.
+fn millimetres(unit: &str) -> Option<f64> {
+    match unit {
+        "mm" => Some(1.0),
+        "cm" => Some(10.0),
+        "in" => Some(25.4),
+        "pt" => Some(25.4 / 72.0),
+        "pc" => Some(25.4 / 6.0),
+        _ => None,
+    }
+}
+
+/// A length in user units (96 to the inch), or its default.
+fn length(node: &Node<'_, '_>, attribute: &str, default: f64) -> Result<f64> {
+    let Some(text) = node.attribute(attribute) else {
+        return Ok(default);
+    };
+    let text = text.trim();
+    let end = text
+        .find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E')
+        .unwrap_or(text.len());
+    let value = number(&text[..end]).map_err(|e| e.in_context(attribute))?;
+    match (&text[end..], millimetres(&text[end..])) {
+        ("" | "px", _) => Ok(value),
+        (_, Some(mm)) => Ok(value * mm / 25.4 * 96.0),
+        (unit, None) => Err(Error::input(format!(
+            "{attribute}: needed a length, found the unit `{unit}`"
+        ))),
+    }
+}
+
+/// Millimetres of a user unit where the file says so, else 1 and no unit.
+fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
+    let Some(width) = root.attribute("width") else {
+        return Ok((1.0, None));
+    };
+    let width = width.trim();
+    let end = width
+        .find(|c: char| c.is_ascii_alphabetic() || c == '%')
+        .unwrap_or(width.len());
+    let Some(mm) = millimetres(&width[end..]) else {
+        return Ok((1.0, None));
+    };
+    let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
+    let units = match root.attribute("viewBox") {
+        Some(text) => *numbers(text)?
+            .get(2)
+            .ok_or_else(|| Error::input("viewBox: needed four numbers"))?,
+        None => value * mm / 25.4 * 96.0,
+    };
+    match value > 0.0 && units > 0.0 {
+        true => Ok((value * mm / units, Some(Unit::Millimetre))),
+        false => Err(Error::input(format!(
+            "needed a width and a viewBox > 0, found {value} and {units}"
+        ))),
+    }
+}
+
+/// Numbers between blanks and commas.
+fn numbers(text: &str) -> Result<Vec<f64>> {
+    text.split(|c: char| c.is_ascii_whitespace() || c == ',')
+        .filter(|t| !t.is_empty())
+        .map(number)
+        .collect()
+}
+
+fn polygon(text: &str, is_closed: bool) -> Result<Vec<Curve2>> {
+    let values = numbers(text)?;
+    let mut corners: Vec<[f64; 2]> = values.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
+    if is_closed && let Some(first) = corners.first().copied() {
+        corners.push(first);
+    }
+    Ok(corners.windows(2).map(|p| Curve2::Segment(p[0], p[1])).collect())
+}
+
+fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
+    if rx < 0.0 || ry < 0.0 {
+        return Err(Error::input(format!("needed radii > 0, found {rx} and {ry}")));
+    }
+    if rx == 0.0 || ry == 0.0 {
+        return Ok(Vec::new());
+    }
+    let place = Affine {
+        columns: [[rx, 0.0], [0.0, ry]],
+        origin: [x, y],
+    };
+    Ok(vec![place.curve(&unit_arc(0.0, TAU))])
+}
+
+/// A part of the unit circle.
+fn unit_arc(start: f64, sweep: f64) -> Curve2 {
+    Curve2::Arc {
+        center: [0.0; 2],
+        radius: 1.0,
+        start,
+        sweep,
+    }
+}
+
+fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
+    let (x, y) = (length(node, "x", 0.0)?, length(node, "y", 0.0)?);
+    let (w, h) = (length(node, "width", 0.0)?, length(node, "height", 0.0)?);
+    if w < 0.0 || h < 0.0 {
+        return Err(Error::input(format!(
+            "needed a width and a height > 0, found {w} and {h}"
+        )));
+    }
+    // A radius that is not said is the other one.
+    let given = [node.attribute("rx"), node.attribute("ry")].map(|r| r.is_some_and(|r| r != "auto"));
+    let radius = |k: usize| length(node, ["rx", "ry"][if given[k] { k } else { 1 - k }], 0.0);
+    let any = given[0] || given[1];
+    let (rx, ry) = if any {
+        (radius(0)?.clamp(0.0, w / 2.0), radius(1)?.clamp(0.0, h / 2.0))
+    } else {
+        (0.0, 0.0)
+    };
+    let mut curves = vec![
+        Curve2::Segment([x + rx, y], [x + w - rx, y]),
+        Curve2::Segment([x + w, y + ry], [x + w, y + h - ry]),
+        Curve2::Segment([x + w - rx, y + h], [x + rx, y + h]),
+        Curve2::Segment([x, y + h - ry], [x, y + ry]),
+    ];
+    curves.retain(|c| c.length() > 0.0);
+    if rx > 0.0 && ry > 0.0 {
+        for (center, start) in [
+            ([x + w - rx, y + h - ry], 0.0),
+            ([x + rx, y + h - ry], PI / 2.0),
+            ([x + rx, y + ry], PI),
+            ([x + w - rx, y + ry], 1.5 * PI),
+        ] {
+            let place = Affine {
+                columns: [[rx, 0.0], [0.0, ry]],
+                origin: center,
+            };
+            curves.push(place.curve(&unit_arc(start, PI / 2.0)));
+        }
+    }
+    Ok(curves)
+}
+
+/// A list of transforms, the last applied first.
+fn transform(text: &str) -> Result<Affine> {
+    let mut all = Affine::IDENTITY;
+    let mut left = text.trim_matches(|c: char| c.is_ascii_whitespace() || c == ',');
+    while !left.is_empty() {
+        let wrong = || {
+            let found: String = text.chars().take(60).collect();
+            Error::input(format!("needed a list of transforms, found `{found}`"))
+        };
+        let (kind, rest) = left.split_once('(').ok_or_else(wrong)?;
+        let (inside, rest) = rest.split_once(')').ok_or_else(wrong)?;
+        let v = numbers(inside)?;
+        let with = |columns: [[f64; 2]; 2], origin: [f64; 2]| Affine { columns, origin };
+        let identity = Affine::IDENTITY.columns;
+        let one = match (kind.trim(), &v[..]) {
+            ("matrix", [a, b, c, d, e, f]) => with([[*a, *b], [*c, *d]], [*e, *f]),
+            ("translate", [x]) => with(identity, [*x, 0.0]),
+            ("translate", [x, y]) => with(identity, [*x, *y]),
+            ("scale", [s]) => with([[*s, 0.0], [0.0, *s]], [0.0; 2]),
+            ("scale", [x, y]) => with([[*x, 0.0], [0.0, *y]], [0.0; 2]),
+            ("rotate", [angle]) => turned(*angle, [0.0; 2]),
+            ("rotate", [angle, x, y]) => turned(*angle, [*x, *y]),
+            ("skewX", [angle]) => with([[1.0, 0.0], [angle.to_radians().tan(), 1.0]], [0.0; 2]),
+            ("skewY", [angle]) => with([[1.0, angle.to_radians().tan()], [0.0, 1.0]], [0.0; 2]),
+            _ => return Err(wrong()),
+        };
+        all = all.after(&one);
+        left = rest.trim_start_matches(|c: char| c.is_ascii_whitespace() || c == ',');
+    }
+    Ok(all)
+}
+
+/// A rotation about a point, in degrees.
+fn turned(angle: f64, [x, y]: [f64; 2]) -> Affine {
+    let (sin, cos) = angle.to_radians().sin_cos();
+    Affine {
+        columns: [[cos, sin], [-sin, cos]],
+        origin: [x - cos * x + sin * y, y - sin * x - cos * y],
+    }
+}

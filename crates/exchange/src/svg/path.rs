@@ -1,0 +1,266 @@
+//! Paths: the letters of `d` as curves.
+
+use super::{FOLLOWS, number, unit_arc};
+use crate::affine::Affine;
+use planish_estimate::{Error, Result};
+use planish_solid::views::Curve2;
+use std::f64::consts::{PI, TAU};
+
+/// Points along a Bézier curve.
+const CHAIN: usize = 48;
+
+/// Letters and numbers of a path.
+struct Words<'a> {
+    left: &'a str,
+}
+
+impl<'a> Words<'a> {
+    fn skip(&mut self) {
+        self.left = self
+            .left
+            .trim_start_matches(|c: char| c.is_ascii_whitespace() || c == ',');
+    }
+
+    fn letter(&mut self) -> Option<char> {
+        self.skip();
+        let letter = self.left.chars().next().filter(char::is_ascii_alphabetic)?;
+        self.left = &self.left[1..];
+        Some(letter)
+    }
+
+    fn is_at_number(&mut self) -> bool {
+        self.skip();
+        self.left
+            .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
+    }
+
+    /// Numbers may follow each other without a gap: `1-2`, `.5.5`.
+    fn number(&mut self) -> Result<f64> {
+        self.skip();
+        let bytes = self.left.as_bytes();
+        let mut end = 0;
+        let (mut has_point, mut has_exponent) = (false, false);
+        while let Some(byte) = bytes.get(end) {
+            let goes_on = match byte {
+                b'0'..=b'9' => true,
+                b'+' | b'-' => end == 0 || matches!(bytes[end - 1], b'e' | b'E'),
+                b'.' => !std::mem::replace(&mut has_point, true) && !has_exponent,
+                b'e' | b'E' => !std::mem::replace(&mut has_exponent, true),
+                _ => false,
+            };
+            if !goes_on {
+                break;
+            }
+            end += 1;
+        }
+        if end == 0 {
+            let found: String = self.left.chars().take(20).collect();
+            return Err(Error::input(format!("needed a number in the path, found `{found}`")));
+        }
+        let (text, left): (&'a str, &'a str) = self.left.split_at(end);
+        self.left = left;
+        number(text)
+    }
+
+    /// 0 or 1, which needs no gap behind.
+    fn flag(&mut self) -> Result<bool> {
+        self.skip();
+        let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
+        let flag = flag.ok_or_else(|| Error::input("needed 0 or 1 as a flag of an arc in the path"))?;
+        self.left = &self.left[1..];
+        Ok(flag == '1')
+    }
+}
+
+/// The curves of a path.
+pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
+    let mut words = Words { left: d };
+    let mut curves = Vec::new();
+    let (mut at, mut begun) = ([0.0; 2], [0.0; 2]);
+    // The last control point of a curve, mirrored by S and T.
+    let mut handle: Option<(char, [f64; 2])> = None;
+    let mut letter = match words.letter() {
+        Some(letter @ ('M' | 'm')) => letter,
+        None if words.left.is_empty() => return Ok(curves),
+        _ => return Err(Error::input("needed a path that begins with M")),
+    };
+    loop {
+        let is_relative = letter.is_ascii_lowercase();
+        let from = if is_relative { at } else { [0.0; 2] };
+        let point = |words: &mut Words<'_>| Ok::<_, Error>([words.number()? + from[0], words.number()? + from[1]]);
+        let mirrored = |kind: char| match handle {
+            Some((last, h)) if last == kind => [2.0 * at[0] - h[0], 2.0 * at[1] - h[1]],
+            _ => at,
+        };
+        let mut next_handle = None;
+        let end = match letter.to_ascii_uppercase() {
+            'M' => {
+                let end = point(&mut words)?;
+                begun = end;
+                // What follows without a letter are lines.
+                letter = if is_relative { 'l' } else { 'L' };
+                end
+            }
+            'Z' => {
+                add_line(&mut curves, at, begun);
+                begun
+            }
+            'L' => line_to(&mut curves, at, point(&mut words)?),
+            'H' => line_to(&mut curves, at, [words.number()? + from[0], at[1]]),
+            'V' => line_to(&mut curves, at, [at[0], words.number()? + from[1]]),
+            kind @ ('C' | 'S') => {
+                let first = if kind == 'C' { point(&mut words)? } else { mirrored('C') };
+                let (second, end) = (point(&mut words)?, point(&mut words)?);
+                curves.push(bezier(&[at, first, second, end]));
+                next_handle = Some(('C', second));
+                end
+            }
+            kind @ ('Q' | 'T') => {
+                let middle = if kind == 'Q' { point(&mut words)? } else { mirrored('Q') };
+                let end = point(&mut words)?;
+                curves.push(bezier(&[at, middle, end]));
+                next_handle = Some(('Q', middle));
+                end
+            }
+            'A' => {
+                let radii = [words.number()?.abs(), words.number()?.abs()];
+                let angle = words.number()?.to_radians();
+                let (is_large, is_clockwise) = (words.flag()?, words.flag()?);
+                let end = point(&mut words)?;
+                curves.extend(arc(at, end, radii, angle, is_large, is_clockwise));
+                end
+            }
+            other => {
+                return Err(Error::input(format!(
+                    "needed a letter of paths (MLHVCSQTAZ), found `{other}`"
+                )));
+            }
+        };
+        at = end;
+        handle = next_handle;
+        match words.letter() {
+            Some(next) => letter = next,
+            None if words.left.is_empty() => return Ok(curves),
+            None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {
+                let found: String = words.left.chars().take(20).collect();
+                return Err(Error::input(format!("needed a letter in the path, found `{found}`")));
+            }
+            None => {}
+        }
+    }
+}
+
+fn line_to(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+    curves.push(Curve2::Segment(from, to));
+    to
+}
+
+/// The line that closes a path, where it has not come back by itself.
+fn add_line(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) {
+    if from != to {
+        curves.push(Curve2::Segment(from, to));
+    }
+}
+
+/// A Bézier curve: an arc where it follows a circle, a line where it is straight, else points.
+fn bezier(poles: &[[f64; 2]]) -> Curve2 {
+    let at = |t: f64| {
+        let mut p: Vec<[f64; 2]> = poles.to_vec();
+        while p.len() > 1 {
+            p = p
+                .windows(2)
+                .map(|q| [0, 1].map(|k| q[0][k] + t * (q[1][k] - q[0][k])))
+                .collect();
+        }
+        p[0]
+    };
+    let points: Vec<[f64; 2]> = (0..=CHAIN).map(|k| at(k as f64 / CHAIN as f64)).collect();
+    let (a, m, b) = (points[0], points[CHAIN / 2], points[CHAIN]);
+    let cross = (m[0] - a[0]) * (b[1] - a[1]) - (m[1] - a[1]) * (b[0] - a[0]);
+    let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
+    let off = |p: &[f64; 2]| ((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])).abs();
+    let forward = |p: &[f64; 2]| (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
+    if chord > 0.0
+        && points.iter().all(|p| off(p) <= 1e-9 * chord * chord)
+        && points.windows(2).all(|p| forward(&p[0]) <= forward(&p[1]))
+    {
+        return Curve2::Segment(a, b);
+    }
+    // The circle through its ends and its middle.
+    let square = |p: [f64; 2]| (p[0] - a[0]).powi(2) + (p[1] - a[1]).powi(2);
+    let (sm, sb) = (square(m), square(b));
+    let center = [
+        a[0] + (sm * (b[1] - a[1]) - sb * (m[1] - a[1])) / (2.0 * cross),
+        a[1] + (sb * (m[0] - a[0]) - sm * (b[0] - a[0])) / (2.0 * cross),
+    ];
+    let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
+    let follows = |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= FOLLOWS * radius;
+    if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
+        let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+        let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();
+        let start = angle(if sweeps > 0.0 { a } else { b });
+        return Curve2::Arc {
+            center,
+            radius,
+            start,
+            sweep: sweeps.abs().min(TAU),
+        };
+    }
+    Curve2::Chain(points)
+}
+
+fn turn(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
+}
+
+/// An elliptical arc between two points (SVG 1.1, F.6.5): the centre from the ends; radii that are too short are enlarged.
+fn arc(
+    from: [f64; 2],
+    to: [f64; 2],
+    [rx, ry]: [f64; 2],
+    angle: f64,
+    is_large: bool,
+    is_clockwise: bool,
+) -> Option<Curve2> {
+    if from == to {
+        return None;
+    }
+    if rx == 0.0 || ry == 0.0 {
+        return Some(Curve2::Segment(from, to));
+    }
+    let (sin, cos) = angle.sin_cos();
+    let half = [(from[0] - to[0]) / 2.0, (from[1] - to[1]) / 2.0];
+    // In the frame where the ellipse is a unit circle.
+    let into = |p: [f64; 2], s: f64| {
+        [
+            (cos * p[0] + sin * p[1]) / (s * rx),
+            (cos * p[1] - sin * p[0]) / (s * ry),
+        ]
+    };
+    let p = into(half, 1.0);
+    let length = p[0].hypot(p[1]);
+    let enlarged = length.max(1.0);
+    let p = into(half, enlarged);
+    let root = (1.0 / (p[0] * p[0] + p[1] * p[1]) - 1.0).max(0.0).sqrt();
+    let sign = if is_large == is_clockwise { -1.0 } else { 1.0 };
+    let center = [sign * root * p[1], -sign * root * p[0]];
+    let begin = (p[1] - center[1]).atan2(p[0] - center[0]);
+    let end = (-p[1] - center[1]).atan2(-p[0] - center[0]);
+    let sweep = match is_clockwise {
+        true => (end - begin).rem_euclid(TAU),
+        false => (begin - end).rem_euclid(TAU),
+    };
+    let sweep = if sweep < 1e-12 { PI } else { sweep };
+    let scale = [rx * enlarged, ry * enlarged];
+    let columns = [[cos * scale[0], sin * scale[0]], [-sin * scale[1], cos * scale[1]]];
+    let place = Affine {
+        columns,
+        origin: [0.0; 2],
+    };
+    let off = place.point(center);
+    let place = Affine {
+        columns,
+        origin: [(from[0] + to[0]) / 2.0 + off[0], (from[1] + to[1]) / 2.0 + off[1]],
+    };
+    Some(place.curve(&unit_arc(if is_clockwise { begin } else { end }, sweep)))
+}

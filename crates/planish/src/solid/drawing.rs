@@ -1,0 +1,246 @@
+//! A drawing's files as views: read, placed in one frame, and looked over for what cannot be meant.
+
+use super::{SolidJob, kinds};
+use planish_estimate::{Error, Result};
+use planish_exchange::dxf::{DxfDrawing, read_dxf};
+use planish_exchange::svg::read_svg;
+use planish_exchange::{Unit, extension};
+use planish_solid::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, views_of_sheet};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// So many lines of one sort are named, the others are counted.
+const NAMED: usize = 3;
+/// Ends of lines meet within this share of the drawing's size.
+const MEETS: f64 = 1e-4;
+/// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
+const SAME: f64 = 1e-7;
+
+/// Reads the files.
+pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
+    let mut drawing = Drawing::default();
+    let mut unit = None;
+    for (path, kind) in job.views.iter().zip(kinds(job)) {
+        let name = path.display();
+        let mut found = read_file(path)?;
+        if found.curves.is_empty() {
+            return Err(Error::input(format!(
+                "{name}: needed lines, arcs or circles of {}, found none{}",
+                match job.views.len() {
+                    1 => "two or three views".to_owned(),
+                    _ => format!("the {} view", kind.name()),
+                },
+                match found.warnings.first() {
+                    Some(warning) => format!(" ({warning})"),
+                    None => String::new(),
+                }
+            )));
+        }
+        if let (Some(a), Some(b)) = (unit, found.unit)
+            && a != b
+        {
+            return Err(Error::input(format!(
+                "{name}: is in {b}, and a view before it in {a}: needed one unit"
+            )));
+        }
+        unit = unit.or(found.unit);
+        warnings.extend(found.warnings.iter().map(|w| format!("{name}: {w}")));
+        let twice = drop_repeated(&mut found.curves);
+        warnings.extend(summary(&twice).map(|w| format!("{name}: {w}")));
+        if extension(path) == "svg" && job.views.len() > 1 {
+            place_at_origin(&mut found.curves);
+        }
+        drawing.views.push(View {
+            kind,
+            curves: found.curves,
+        });
+    }
+    if let [path] = &job.views[..] {
+        let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
+        drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
+    }
+    check_extents(&drawing, &job.views)?;
+    Ok((drawing, unit.or(job.unit).unwrap_or(Unit::Millimetre)))
+}
+
+fn read_file(path: &Path) -> Result<DxfDrawing> {
+    match extension(path).as_str() {
+        "svg" => read_svg(path),
+        _ => read_dxf(path),
+    }
+}
+
+/// The first few, and how many there are beside them.
+fn summary(all: &[String]) -> impl Iterator<Item = String> + '_ {
+    let more = match all.len().saturating_sub(NAMED) {
+        0 => None,
+        n => Some(format!("and {n} more such lines")),
+    };
+    all.iter().take(NAMED).cloned().chain(more)
+}
+
+/// Takes out lines that are drawn again, and says which. Of a visible and a hidden one the visible one stays.
+fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
+    let all = Drawing {
+        views: vec![View {
+            kind: planish_solid::views::ViewKind::Front,
+            curves: curves.clone(),
+        }],
+    };
+    let step = (SAME * all.size()).max(f64::MIN_POSITIVE);
+    let key = |curve: &Curve2| {
+        let points = curve.points();
+        let mut at: Vec<[i64; 2]> = [0, points.len() / 2, points.len() - 1]
+            .map(|k| points[k].map(|c| (c / step).round() as i64))
+            .to_vec();
+        if let Curve2::Segment(..) = curve {
+            at.remove(1);
+        }
+        // The same line the other way round is the same line.
+        if at[0] > at[at.len() - 1] {
+            at.reverse();
+        }
+        (std::mem::discriminant(curve), at)
+    };
+    let mut seen: HashMap<_, usize> = HashMap::new();
+    let mut kept: Vec<DrawnCurve> = Vec::with_capacity(curves.len());
+    let mut repeated = Vec::new();
+    for drawn in curves.drain(..) {
+        let next = kept.len();
+        let at = *seen.entry(key(&drawn.curve)).or_insert(next);
+        if at == next {
+            kept.push(drawn);
+            continue;
+        }
+        let first = &mut kept[at];
+        repeated.push(match (first.style, drawn.style) {
+            (a, b) if a == b => format!("{} is drawn again as {}: it counts once", first.entity, drawn.entity),
+            _ => format!(
+                "{} is drawn again as {}, one visible, one hidden: it counts as visible",
+                first.entity, drawn.entity
+            ),
+        });
+        if drawn.style == LineStyle::Visible {
+            first.style = LineStyle::Visible;
+        }
+    }
+    *curves = kept;
+    repeated
+}
+
+/// Moves a view's left lower corner to the origin: pages have an origin of their own.
+fn place_at_origin(curves: &mut [DrawnCurve]) {
+    let points = || curves.iter().flat_map(|c| c.curve.points());
+    let least = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));
+    for drawn in curves {
+        drawn.curve = drawn.curve.moved(|p| [p[0] - least[0], p[1] - least[1]], false);
+    }
+}
+
+/// Why no solid was found, with the first end that meets no line.
+pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Error {
+    match open_ends(drawing, paths).into_iter().next() {
+        Some(open) => error.in_context(open),
+        None => error,
+    }
+}
+
+/// Ends of visible lines at which no other line of the view is, each named: where no solid was found, an open outline is a likely reason. (Where a
+/// smooth edge is left out, as in drafting, lines end openly, too.)
+pub(super) fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+    let near = MEETS * drawing.size();
+    let mut found = Vec::new();
+    for (index, view) in drawing.views.iter().enumerate() {
+        let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
+        for (k, chain) in chains
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| view.curves[*k].style == LineStyle::Visible)
+        {
+            let ends = [chain[0], chain[chain.len() - 1]];
+            if distance(ends[0], ends[1]) <= near {
+                continue;
+            }
+            for end in ends {
+                let touches = |(other, points): (usize, &Vec<[f64; 2]>)| {
+                    // An arc's points are apart: its chords miss it by up to a thousandth of its radius.
+                    let reach = match &view.curves[other].curve {
+                        Curve2::Arc { radius, .. } => near + 1e-3 * radius,
+                        _ => near,
+                    };
+                    other != k && points.windows(2).any(|p| distance_to_segment(end, p[0], p[1]) <= reach)
+                };
+                if !chains.iter().enumerate().any(touches) {
+                    found.push(format!(
+                        "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: is the outline open?",
+                        paths[index.min(paths.len() - 1)].display(),
+                        view.curves[k].entity,
+                        view.kind.name(),
+                        end[0],
+                        end[1]
+                    ));
+                }
+            }
+        }
+    }
+    summary(&found).collect()
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let square = d[0] * d[0] + d[1] * d[1];
+    let share = match square > 0.0 {
+        true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
+        false => 0.0,
+    };
+    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
+}
+
+/// Views that share an axis must span the same range of it.
+fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
+    let mut seen: [Option<([f64; 2], usize)>; 3] = [None; 3];
+    for (index, view) in drawing.views.iter().enumerate() {
+        for k in 0..2 {
+            let axis = view.kind.axes()[k];
+            let mut range = [f64::MAX, f64::MIN];
+            let mut ends = ["", ""];
+            for drawn in &view.curves {
+                for p in drawn.curve.points() {
+                    if p[k] < range[0] {
+                        (range[0], ends[0]) = (p[k], &drawn.entity);
+                    }
+                    if p[k] > range[1] {
+                        (range[1], ends[1]) = (p[k], &drawn.entity);
+                    }
+                }
+            }
+            let Some((first, other)) = seen[axis] else {
+                seen[axis] = Some((range, index));
+                continue;
+            };
+            let size = (first[1] - first[0]).max(range[1] - range[0]);
+            if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
+                let ratio = (range[1] - range[0]) / (first[1] - first[0]);
+                let scale = match (ratio - 1.0).abs() > 2e-3 && ratio.is_finite() {
+                    true => format!(" (it is {ratio:.4} times as long)"),
+                    false => String::new(),
+                };
+                return Err(Error::input(format!(
+                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: needed views of one scale in one frame",
+                    paths[index.min(paths.len() - 1)].display(),
+                    ends[end],
+                    ["x", "y", "z"][axis],
+                    range[end],
+                    drawing.views[other].kind.name(),
+                    paths[other.min(paths.len() - 1)].display(),
+                    first[end]
+                )));
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,95 @@
+//! Solids as files: STEP, or meshes within a tolerance.
+
+use super::SolidJob;
+use planish_estimate::Result;
+use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
+use planish_exchange::step::{StepOptions, write_solid};
+use planish_exchange::{Unit, extension};
+use planish_mesh::TriangleMesh;
+use planish_solid::brep::Solid;
+use planish_solid::tessellation::tessellate;
+use planish_solid::views::Solution;
+use std::path::{Path, PathBuf};
+
+/// Vertices, edges and faces of a STEP file meet within this share of a millimetre.
+const UNCERTAINTY_MM: f64 = 1e-5;
+
+/// A solid, with its mesh where one is asked for.
+pub(super) struct Prepared<'a> {
+    solid: &'a Solid,
+    mesh: Option<TriangleMesh>,
+}
+
+/// Whether a solid can be written under this name.
+pub(super) fn is_solid_file(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "step" | "stp") || is_mesh_file(path)
+}
+
+/// Makes everything that will be written, so that nothing is written where something cannot be made.
+pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance: f64) -> Result<Vec<Prepared<'a>>> {
+    let is_meshed = job.outputs.iter().any(|output| is_mesh_file(output));
+    let one = |solution: &&'a Solution| {
+        let solid = &solution.solid;
+        let mesh = match is_meshed {
+            true => Some(
+                tessellate(solid, tolerance).map_err(|e| e.in_context("no mesh can be made (.step can be written)"))?,
+            ),
+            false => None,
+        };
+        Ok(Prepared { solid, mesh })
+    };
+    solutions.iter().map(one).collect()
+}
+
+/// Writes all files; returns the first file of each solid, and all of them.
+pub(super) fn write(
+    job: &SolidJob,
+    prepared: &[Prepared<'_>],
+    unit: Unit,
+) -> Result<(Vec<Option<String>>, Vec<PathBuf>)> {
+    let (mut first, mut all) = (Vec::new(), Vec::new());
+    for (index, one) in prepared.iter().enumerate() {
+        let mut file = None;
+        for output in job.outputs.iter().filter(|output| is_solid_file(output)) {
+            let path = if job.all {
+                numbered(output, index + 1)
+            } else {
+                output.clone()
+            };
+            match (&one.mesh, is_mesh_file(output)) {
+                (Some(mesh), true) => {
+                    let columns = MeshColumns {
+                        points: &mesh.positions,
+                        triangles: &mesh.triangles,
+                        unit: Some(unit),
+                        ..MeshColumns::default()
+                    };
+                    write_mesh(&path, &columns)?;
+                }
+                _ => write_solid(&path, one.solid, &options(output, unit))?,
+            }
+            file.get_or_insert(path.display().to_string());
+            all.push(path);
+        }
+        first.push(file);
+    }
+    Ok((first, all))
+}
+
+fn options(output: &Path, unit: Unit) -> StepOptions {
+    StepOptions {
+        name: output.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        unit,
+        uncertainty: UNCERTAINTY_MM / unit.millimetres(),
+        ..StepOptions::default()
+    }
+}
+
+/// `part.step` becomes `part.2.step`, `part.ply.gz` becomes `part.2.ply.gz`.
+fn numbered(path: &Path, rank: usize) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let packed = name.to_lowercase().ends_with(".gz");
+    let plain = if packed { &name[..name.len() - 3] } else { &name[..] };
+    let at = plain.rfind('.').unwrap_or(plain.len());
+    path.with_file_name(format!("{}.{rank}{}", &name[..at], &name[at..]))
+}

@@ -1,0 +1,285 @@
+//! Points along drawn curves and along the solid's lines, each looked for in the other.
+
+use super::faces::TrimmedFace;
+use super::nearby::{Nearby, Piece};
+use super::outlines::{Edges, Outline, outlines};
+use super::scene::{Eye, Scene};
+use super::{CompareOptions, Disagreement};
+use crate::brep::Solid;
+use crate::views::{Curve2, Drawing, LineStyle, View};
+use std::collections::BTreeMap;
+
+pub(super) fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareOptions) -> Vec<Disagreement> {
+    let size = drawing.size();
+    let edges = Edges::of(solid, size);
+    let reach = reach(solid, size);
+    let scene = Scene {
+        faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(),
+        size,
+        reach,
+    };
+    let mut found = Vec::new();
+    for view in &drawing.views {
+        let eye = Eye::of(view.kind);
+        let lines = outlines(solid, &scene.faces, &edges, eye, size);
+        let compared = Compared::new(view, &lines, &scene, eye, options);
+        found.extend(compared.drawn_but_not_shown());
+        found.extend(compared.shown_but_not_drawn());
+    }
+    found
+}
+
+/// A box around a solid, larger than any of its faces can bulge.
+fn reach(solid: &Solid, size: f64) -> [[f64; 3]; 2] {
+    let points = solid.edges.iter().flat_map(|e| {
+        let [from, to] = e.range;
+        [0.0, 0.25, 0.5, 0.75].map(|s| e.curve.point(from + s * (to - from)))
+    });
+    let (lo, hi) = points.fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+        ([0, 1, 2].map(|c| lo[c].min(p[c])), [0, 1, 2].map(|c| hi[c].max(p[c])))
+    });
+    [lo.map(|c| c - size), hi.map(|c| c + size)]
+}
+
+/// A view with what is drawn and what the solid shows.
+struct Compared<'a> {
+    view: &'a View,
+    lines: &'a [Outline],
+    shown: Nearby,
+    drawn: Nearby,
+    scene: &'a Scene<'a>,
+    eye: Eye,
+    options: &'a CompareOptions,
+}
+
+/// A point along a polygon, and the way that it stands for.
+struct Sample {
+    /// How far along the polygon it is.
+    way: f64,
+    /// The length that it stands for.
+    length: f64,
+}
+
+/// A polygon by the way along it.
+struct Chain {
+    points: Vec<[f64; 2]>,
+    ways: Vec<f64>,
+}
+
+impl Chain {
+    fn of(points: Vec<[f64; 2]>) -> Self {
+        let mut ways = vec![0.0];
+        for p in points.windows(2) {
+            ways.push(ways[ways.len() - 1] + (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+        }
+        Self { points, ways }
+    }
+
+    fn length(&self) -> f64 {
+        self.ways[self.ways.len() - 1]
+    }
+
+    /// The straight piece at a way along the polygon, and the share of it there.
+    fn place(&self, way: f64) -> (usize, f64) {
+        let last = self.points.len() - 2;
+        let piece = self.ways.partition_point(|w| *w <= way).clamp(1, last + 1) - 1;
+        let length = self.ways[piece + 1] - self.ways[piece];
+        let share = if length > 0.0 {
+            (way - self.ways[piece]) / length
+        } else {
+            0.0
+        };
+        (piece, share.clamp(0.0, 1.0))
+    }
+
+    fn point(&self, way: f64) -> [f64; 2] {
+        let (piece, share) = self.place(way);
+        let [a, b] = [self.points[piece], self.points[piece + 1]];
+        [0, 1].map(|k| a[k] + share * (b[k] - a[k]))
+    }
+
+    fn samples(&self, spacing: f64) -> Vec<Sample> {
+        let n = (self.length() / spacing).ceil().max(1.0);
+        (0..n as usize)
+            .map(|k| Sample {
+                way: self.length() * (k as f64 + 0.42) / n,
+                length: self.length() / n,
+            })
+            .collect()
+    }
+}
+
+/// Where a line differs, gathered by reason.
+#[derive(Default)]
+struct Differences(Vec<(&'static str, [f64; 2], f64, usize)>);
+
+impl Differences {
+    fn add(&mut self, why: &'static str, at: [f64; 2], length: f64) {
+        match self.0.iter_mut().find(|d| d.0 == why) {
+            Some(known) => {
+                known.2 += length;
+                known.3 += 1;
+            }
+            None => self.0.push((why, at, length, 1)),
+        }
+    }
+}
+
+impl<'a> Compared<'a> {
+    fn new(view: &'a View, lines: &'a [Outline], scene: &'a Scene<'a>, eye: Eye, options: &'a CompareOptions) -> Self {
+        let size = scene.size;
+        let shown = pieces(lines.iter().map(|line| projected(line, eye)));
+        let drawn = pieces(
+            view.curves
+                .iter()
+                .map(|c| drawn_points(&c.curve, 0.05 * options.near * size)),
+        );
+        let (near, side) = (options.near * size, 0.02 * size);
+        Self {
+            view,
+            lines,
+            shown: Nearby::new(shown, near, side),
+            drawn: Nearby::new(drawn, near, side),
+            scene,
+            eye,
+            options,
+        }
+    }
+
+    /// Drawn curves that the solid does not show as they are drawn.
+    fn drawn_but_not_shown(&self) -> Vec<Disagreement> {
+        let mut found = Vec::new();
+        for curve in &self.view.curves {
+            let chain = Chain::of(drawn_points(&curve.curve, 0.05 * self.options.near * self.scene.size));
+            let mut differences = Differences::default();
+            self.add_differences(&chain, &mut differences, |way| {
+                let near: Vec<_> = self.shown.at(chain.point(way)).collect();
+                match curve.style {
+                    LineStyle::Visible if near.is_empty() => {
+                        Some("a visible line is drawn, and the solid shows none there")
+                    }
+                    LineStyle::Hidden if near.is_empty() => {
+                        Some("a hidden line is drawn, and the solid has none there")
+                    }
+                    LineStyle::Hidden => None,
+                    LineStyle::Visible => (!near
+                        .iter()
+                        .any(|(piece, share, _)| self.is_seen(piece.line, piece.index, *share)))
+                    .then_some("a visible line is drawn, and the solid has it hidden there"),
+                }
+            });
+            found.extend(self.named(differences, Some(&curve.entity)));
+        }
+        found
+    }
+
+    /// Lines of the solid that are not drawn as they are seen.
+    fn shown_but_not_drawn(&self) -> Vec<Disagreement> {
+        let mut found: BTreeMap<usize, Differences> = BTreeMap::new();
+        for (index, line) in self.lines.iter().enumerate().filter(|(_, l)| l.is_required) {
+            let chain = Chain::of(projected(line, self.eye));
+            let differences = found.entry(line.group).or_default();
+            self.add_differences(&chain, differences, |way| {
+                let near = self.drawn.at(chain.point(way));
+                let styles: Vec<LineStyle> = near.map(|(piece, ..)| self.view.curves[piece.line].style).collect();
+                if styles.contains(&LineStyle::Visible) {
+                    return None;
+                }
+                let (piece, share) = chain.place(way);
+                match (self.is_seen(index, piece, share), styles.is_empty()) {
+                    (true, false) => Some("the solid shows a visible line, and it is drawn hidden"),
+                    (true, true) => Some("the solid shows a visible line, and none is drawn"),
+                    (false, true) => Some("the solid has a hidden line, and none is drawn"),
+                    (false, false) => None,
+                }
+            });
+        }
+        found
+            .into_values()
+            .flat_map(|differences| self.named(differences, None))
+            .collect()
+    }
+
+    /// Looks at points along a line; what differs at a point must differ on both sides of it, too.
+    fn add_differences(&self, chain: &Chain, differences: &mut Differences, why: impl Fn(f64) -> Option<&'static str>) {
+        let (size, length) = (self.scene.size, chain.length());
+        // Seen from its end a line is a point.
+        if length < 1e-3 * self.options.shortest * size {
+            return;
+        }
+        let beside = (0.5 * self.options.shortest * size).min(0.4 * length);
+        for sample in chain.samples(self.options.spacing * size) {
+            let Some(reason) = why(sample.way) else { continue };
+            let sides = [sample.way - beside, sample.way + beside];
+            if sides.iter().all(|way| why(way.clamp(0.0, length)).is_some()) {
+                differences.add(reason, chain.point(sample.way), sample.length);
+            }
+        }
+    }
+
+    fn named<'b>(
+        &'b self,
+        differences: Differences,
+        entity: Option<&'b String>,
+    ) -> impl Iterator<Item = Disagreement> + 'b {
+        let shortest = self.options.shortest * self.scene.size;
+        let long = differences.0.into_iter().filter(move |d| d.2 >= shortest);
+        long.map(move |(why, at, _, places)| Disagreement {
+            view: self.view.kind,
+            entity: entity.cloned(),
+            at,
+            why,
+            places,
+        })
+    }
+
+    /// Whether the solid's line is seen at a place on it.
+    fn is_seen(&self, line: usize, piece: usize, share: f64) -> bool {
+        let [a, b] = [self.lines[line].points[piece], self.lines[line].points[piece + 1]];
+        let p = [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]));
+        let [from, to] = [self.eye.seen(a), self.eye.seen(b)];
+        let d = [to[0] - from[0], to[1] - from[1]];
+        let length = d[0].hypot(d[1]);
+        let across = if length > 0.0 {
+            [-d[1] / length, d[0] / length]
+        } else {
+            [1.0, 0.0]
+        };
+        self.scene.is_visible(self.eye, p, across)
+    }
+}
+
+fn pieces(lines: impl Iterator<Item = Vec<[f64; 2]>>) -> Vec<Piece> {
+    let of_line = |(line, points): (usize, Vec<[f64; 2]>)| -> Vec<Piece> {
+        let ends = points.windows(2).map(|p| [p[0], p[1]]);
+        ends.enumerate()
+            .map(|(index, ends)| Piece { ends, line, index })
+            .collect()
+    };
+    lines.enumerate().flat_map(of_line).collect()
+}
+
+fn projected(line: &Outline, eye: Eye) -> Vec<[f64; 2]> {
+    line.points.iter().map(|p| eye.seen(*p)).collect()
+}
+
+/// Points along a drawn curve; chords miss an arc by `chord` at most.
+fn drawn_points(curve: &Curve2, chord: f64) -> Vec<[f64; 2]> {
+    let Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    } = curve
+    else {
+        return curve.points();
+    };
+    let step = 2.0 * (1.0 - (chord / radius).min(0.5)).acos();
+    let n = (sweep / step).ceil().clamp(2.0, 10_000.0) as usize;
+    (0..=n)
+        .map(|k| {
+            let (sin, cos) = (start + sweep * k as f64 / n as f64).sin_cos();
+            [center[0] + radius * cos, center[1] + radius * sin]
+        })
+        .collect()
+}

@@ -1,0 +1,325 @@
+//! What can be drawn of a solid in a view: edges, and where the line of sight touches curved faces.
+
+use super::faces::TrimmedFace;
+use super::scene::Eye;
+use crate::brep::{Coedge, Solid, Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, sub};
+use std::f64::consts::{PI, TAU};
+
+/// Faces whose normals' cosine differs from ±1 by less run smoothly into each other.
+const SMOOTH: f64 = 1e-6;
+/// A face whose normal's cosine with the line of sight is less is seen edge-on.
+const EDGE_ON: f64 = 1e-5;
+/// Beside an edge or an outline means this far from it, as a share of the size.
+const BESIDE: f64 = 1e-4;
+/// Polygons along curves miss them by this share of the size.
+const CHORD: f64 = 5e-6;
+/// Cells of a curved face's parameters in which outlines are looked for.
+const CELLS: [usize; 2] = [48, 24];
+/// How often a part of an outline is halved.
+const HALVINGS: usize = 4;
+
+/// A line of the solid in a view.
+pub(super) struct Outline {
+    /// Points along it, in space.
+    pub(super) points: Vec<[f64; 3]>,
+    /// Whether a drawing must show it.
+    pub(super) is_required: bool,
+    /// Lines of one edge, or of one face's outline, share this.
+    pub(super) group: usize,
+}
+
+/// Edges and their faces, the same for all views.
+pub(super) struct Edges {
+    /// The faces and coedges that use each edge.
+    uses: Vec<Vec<(usize, Coedge)>>,
+    /// Points along each edge.
+    chains: Vec<Vec<[f64; 3]>>,
+    /// Whether another edge lies in the same place.
+    is_double: Vec<bool>,
+}
+
+impl Edges {
+    pub(super) fn of(solid: &Solid, size: f64) -> Self {
+        let mut uses = vec![Vec::new(); solid.edges.len()];
+        for (index, face) in solid.faces.iter().enumerate() {
+            for coedge in face.loops.iter().flatten() {
+                uses[coedge.edge].push((index, *coedge));
+            }
+        }
+        let chains: Vec<Vec<[f64; 3]>> = solid.edges.iter().map(|e| chain(e, size)).collect();
+        let near = BESIDE * size;
+        let middle = |k: usize| {
+            let edge = &solid.edges[k];
+            edge.curve.point((edge.range[0] + edge.range[1]) / 2.0)
+        };
+        let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
+        let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
+        let boxes: Vec<[[f64; 3]; 2]> = chains.iter().map(|c| bounds(c)).collect();
+        let in_box = |b: &[[f64; 3]; 2], p: [f64; 3]| (0..3).all(|c| p[c] > b[0][c] - near && p[c] < b[1][c] + near);
+        let is_double = (0..chains.len())
+            .map(|k| {
+                (0..chains.len()).any(|other| {
+                    let between = |a: usize, b: usize| in_box(&boxes[a], middles[b]) && touches(a, middles[b]);
+                    other != k && (between(other, k) || between(k, other))
+                })
+            })
+            .collect();
+        Self {
+            uses,
+            chains,
+            is_double,
+        }
+    }
+}
+
+fn bounds(points: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
+        [[0, 1, 2].map(|c| lo[c].min(p[c])), [0, 1, 2].map(|c| hi[c].max(p[c]))]
+    })
+}
+
+/// The distance of a point to a straight line between two points.
+fn far_from(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
+    let d = sub(b, a);
+    let share = (dot(sub(p, a), d) / dot(d, d).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    norm(sub(p, along(a, share, d)))
+}
+
+/// Points along an edge, so near to each other that chords miss it by [`CHORD`].
+fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<[f64; 3]> {
+    let [from, to] = edge.range;
+    let pieces = edge.pieces();
+    let mut points = vec![edge.curve.point(from)];
+    for k in 0..pieces {
+        let at = |share: f64| from + (to - from) * (k as f64 + share) / pieces as f64;
+        let [a, m, b] = [0.0, 0.5, 1.0].map(|s| edge.curve.point(at(s)));
+        // A chord's distance falls with the square of its length.
+        let miss = far_from(m, a, b) / (CHORD * size);
+        let parts = miss.sqrt().ceil().clamp(1.0, 64.0) as usize;
+        points.extend((1..=parts).map(|j| edge.curve.point(at(j as f64 / parts as f64))));
+    }
+    points
+}
+
+/// All lines of a solid in a view.
+pub(super) fn outlines(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, eye: Eye, size: f64) -> Vec<Outline> {
+    let mut found = Vec::new();
+    for index in 0..solid.edges.len() {
+        if let Some(is_required) = of_edge(solid, faces, edges, index, eye, size) {
+            found.push(Outline {
+                points: edges.chains[index].clone(),
+                is_required: is_required && !edges.is_double[index],
+                group: index,
+            });
+        }
+    }
+    for (index, face) in faces.iter().enumerate() {
+        if matches!(face.surface(), Surface::Plane { .. }) {
+            continue;
+        }
+        found.extend(touching(face, eye, size).into_iter().map(|points| Outline {
+            points,
+            is_required: true,
+            group: solid.edges.len() + index,
+        }));
+    }
+    found
+}
+
+/// Whether an edge must be drawn; none where it cannot be.
+fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize, eye: Eye, size: f64) -> Option<bool> {
+    let [(f, first), (g, second)] = edges.uses[index][..] else {
+        return Some(false);
+    };
+    let edge = &solid.edges[index];
+    let (mut any, mut all) = (false, true);
+    for share in [0.21, 0.48, 0.83] {
+        let t = edge.range[0] + (edge.range[1] - edge.range[0]) * share;
+        let p = edge.curve.point(t);
+        let normals = [faces[f].outward(p), faces[g].outward(p)];
+        let cosine = dot(normals[0], normals[1]);
+        if cosine > 1.0 - SMOOTH {
+            let tangent = unit(edge.curve.derivative(t));
+            let facing = |face: &TrimmedFace<'_>, coedge: Coedge, normal: [f64; 3]| {
+                let run = if coedge.forward { tangent } else { tangent.map(|c| -c) };
+                // A face lies to the left of its loop.
+                let beside = along(p, BESIDE * size, unit(cross(normal, run)));
+                let towards = dot(face.outward(beside), eye.towards());
+                if towards.abs() < EDGE_ON { 0.0 } else { towards.signum() }
+            };
+            let turns = facing(&faces[f], first, normals[0]) != facing(&faces[g], second, normals[1]);
+            any |= turns;
+            all &= turns;
+        } else {
+            any = true;
+            all &= cosine > SMOOTH - 1.0;
+        }
+    }
+    // A plane is only cut where something touches it from behind.
+    let are_planes = [f, g]
+        .iter()
+        .all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
+    (any || are_planes).then_some(any && all)
+}
+
+/// Where the line of sight touches a curved face: `n · e = 0`, with the face on both sides.
+fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
+    let surface = face.surface();
+    let towards = |uv: [f64; 2]| dot(surface.normal(surface.point(uv)), eye.towards());
+    let [from, to] = second_range(face);
+    let [columns, rows] = CELLS;
+    let at = |i: usize, j: usize| {
+        [
+            -PI + TAU * (i as f64 + 0.137) / columns as f64,
+            from + (to - from) * j as f64 / rows as f64,
+        ]
+    };
+    let mut values = Vec::with_capacity((columns + 1) * (rows + 1));
+    for j in 0..=rows {
+        for i in 0..=columns {
+            values.push(towards(at(i, j)));
+        }
+    }
+    if values.iter().all(|v| v.abs() < EDGE_ON) {
+        return Vec::new();
+    }
+    let value = |i: usize, j: usize| values[j * (columns + 1) + i];
+    let mut found = Vec::new();
+    for j in 0..rows {
+        for i in 0..columns {
+            let corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+            let mut crossed = Vec::new();
+            for k in 0..4 {
+                let (a, b) = (corners[k], corners[(k + 1) % 4]);
+                if (value(a[0], a[1]) > 0.0) != (value(b[0], b[1]) > 0.0) {
+                    crossed.push(zero_between(&towards, at(a[0], a[1]), at(b[0], b[1])));
+                }
+            }
+            for pair in crossed.chunks_exact(2) {
+                found.extend(part_in_face(face, &towards, [pair[0], pair[1]], size));
+            }
+        }
+    }
+    found
+}
+
+/// The range of the second parameter of a face, with a cone's tip.
+fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
+    if face.second_is_angle() {
+        return [-PI, PI];
+    }
+    let [mut from, mut to] = face
+        .loop_parameters()
+        .fold([f64::MAX, f64::MIN], |[lo, hi], uv| [lo.min(uv[1]), hi.max(uv[1])]);
+    let surface = face.surface();
+    let across = |v: f64| sub(surface.point([0.0, v]), surface.point([PI, v]));
+    let [a, b] = [across(from), across(to)];
+    // The width between opposite sides runs straight on to a tip, where it does not stay.
+    let direction = if norm(a) > norm(b) { unit(a) } else { unit(b) };
+    let (a, b) = (dot(a, direction), dot(b, direction));
+    if (a - b).abs() > 1e-6 * a.abs().max(b.abs()) {
+        let tip = from - a * (to - from) / (b - a);
+        from = from.min(tip);
+        to = to.max(tip);
+    }
+    [from, to]
+}
+
+/// Where a function of the parameters is zero between two places of different sign.
+fn zero_between(value: &dyn Fn([f64; 2]) -> f64, mut a: [f64; 2], mut b: [f64; 2]) -> [f64; 2] {
+    let above = value(a) > 0.0;
+    for _ in 0..48 {
+        let middle = [0, 1].map(|k| (a[k] + b[k]) / 2.0);
+        *(if (value(middle) > 0.0) == above { &mut a } else { &mut b }) = middle;
+    }
+    [0, 1].map(|k| (a[k] + b[k]) / 2.0)
+}
+
+/// The part of an outline between two places that runs within the face, as points.
+fn part_in_face(
+    face: &TrimmedFace<'_>,
+    towards: &dyn Fn([f64; 2]) -> f64,
+    ends: [[f64; 2]; 2],
+    size: f64,
+) -> Option<Vec<[f64; 3]>> {
+    let surface = face.surface();
+    // Points in between, moved across to where the function is zero.
+    let on = |share: f64| {
+        let p = [0, 1].map(|k| ends[0][k] + share * (ends[1][k] - ends[0][k]));
+        if towards(p).abs() < 1e-12 {
+            return p;
+        }
+        let across = [ends[0][1] - ends[1][1], ends[1][0] - ends[0][0]];
+        let side = |s: f64| [p[0] + s * across[0], p[1] + s * across[1]];
+        let reach = [0.05, 0.3, 1.0]
+            .into_iter()
+            .find(|r| (towards(side(*r)) > 0.0) != (towards(side(-*r)) > 0.0));
+        reach.map_or(p, |r| zero_between(towards, side(-r), side(r)))
+    };
+    let is_in = |share: f64| {
+        let uv = on(share);
+        let q = surface.point(uv);
+        // Across the outline on the surface: along the line of sight's shadow there, which is the line of sight itself.
+        [-1.0, 1.0].into_iter().all(|s| {
+            let h = 1e-6;
+            let du = sub(surface.point([uv[0] + h, uv[1]]), q).map(|c| c / h);
+            let dv = sub(surface.point([uv[0], uv[1] + h]), q).map(|c| c / h);
+            let gradient = [
+                (towards([uv[0] + h, uv[1]]) - towards([uv[0] - h, uv[1]])) / norm(du).max(1e-300),
+                (towards([uv[0], uv[1] + h]) - towards([uv[0], uv[1] - h])) / norm(dv).max(1e-300),
+            ];
+            let length = gradient[0].hypot(gradient[1]);
+            let step = (BESIDE * size).min(0.02 * norm(du));
+            let beside = [
+                uv[0] + s * step * gradient[0] / length / norm(du).max(1e-300),
+                uv[1] + s * step * gradient[1] / length / norm(dv).max(1e-300),
+            ];
+            face.contains(surface.point(beside))
+        })
+    };
+    const PARTS: usize = 4;
+    let inside: Vec<bool> = (0..PARTS).map(|k| is_in((k as f64 + 0.5) / PARTS as f64)).collect();
+    let first = inside.iter().position(|i| *i)?;
+    let last = inside.iter().rposition(|i| *i)?;
+    // To where it leaves the face, by halving.
+    let reach = |mut within: f64, mut beyond: f64| {
+        for _ in 0..HALVINGS + 8 {
+            let middle = (within + beyond) / 2.0;
+            *(if is_in(middle) { &mut within } else { &mut beyond }) = middle;
+        }
+        within
+    };
+    let share = |k: f64| (k + 0.5) / PARTS as f64;
+    let from = if is_in(0.0) {
+        0.0
+    } else {
+        reach(
+            share(first as f64),
+            if first == 0 { 0.0 } else { share(first as f64 - 1.0) },
+        )
+    };
+    let to = if is_in(1.0) {
+        1.0
+    } else {
+        reach(
+            share(last as f64),
+            if last + 1 == PARTS {
+                1.0
+            } else {
+                share(last as f64 + 1.0)
+            },
+        )
+    };
+    let count = 1 << HALVINGS;
+    let straight = [0.25, 0.5].iter().all(|s| {
+        let p = [0, 1].map(|k| ends[0][k] + s * (ends[1][k] - ends[0][k]));
+        towards(p).abs() < 1e-9
+    }) && matches!(surface, Surface::Cylinder { .. });
+    let pieces = if straight { 1 } else { count };
+    Some(
+        (0..=pieces)
+            .map(|k| surface.point(on(from + (to - from) * k as f64 / pieces as f64)))
+            .collect(),
+    )
+}

@@ -1,0 +1,179 @@
+//! Triangles of a solid: watertight, within a chord tolerance.
+//!
+//! Comes in: a solid by its boundary. Goes out: a [`TriangleMesh`] that is closed, oriented outwards and manifold, whose vertices lie on the solid's
+//! edges and faces. Every edge is cut into chords once, and both its faces use these; each face is filled between its loops by a constrained
+//! Delaunay triangulation in its surface's parameters, with points added within it where a chord misses the surface by more than the tolerance.
+//!
+//! Not guaranteed: shapes of triangles; faces that hold a pole of their surface (the end of a ball, the tip of a cone).
+//!
+//! # References
+//! Chew 1989, *Constrained Delaunay triangulations*; the crate `spade` (exact predicates).
+
+mod domain;
+mod fill;
+#[cfg(test)]
+mod tests;
+
+use crate::brep::{Coedge, Curve, Edge, Solid};
+use planish_estimate::vector3::{norm, scale, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::TriangleMesh;
+use std::collections::HashMap;
+use std::f64::consts::PI;
+
+/// Curved edges have a chord for every so many radians at least.
+const WIDEST_CHORD: f64 = PI / 6.0;
+/// How often a finer tolerance is tried where chords of two edges cross.
+const TRIES: usize = 4;
+
+/// Points of the mesh while it is made: those of edges, each made once, and those within faces.
+struct Points {
+    positions: Vec<[f64; 3]>,
+    /// Points along each edge in the direction of its curve, its vertices included.
+    of_edge: Vec<Vec<u32>>,
+}
+
+impl Points {
+    fn of(solid: &Solid, tolerance: f64) -> Self {
+        let mut positions = solid.vertices.clone();
+        // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to be told apart.
+        let ends = |edge: &Edge| (edge.start.min(edge.end), edge.start.max(edge.end));
+        let mut between: HashMap<(usize, usize), usize> = HashMap::new();
+        for edge in &solid.edges {
+            *between.entry(ends(edge)).or_default() += 1;
+        }
+        let of_edge = solid
+            .edges
+            .iter()
+            .map(|edge| {
+                let [from, to] = edge.range;
+                let n = chords(edge, tolerance).max(if between[&ends(edge)] > 1 { 2 } else { 1 });
+                let mut points = vec![edge.start as u32];
+                for k in 1..n {
+                    points.push(positions.len() as u32);
+                    positions.push(edge.curve.point(from + (to - from) * k as f64 / n as f64));
+                }
+                points.push(edge.end as u32);
+                points
+            })
+            .collect();
+        Self { positions, of_edge }
+    }
+
+    fn add(&mut self, p: [f64; 3]) -> u32 {
+        self.positions.push(p);
+        (self.positions.len() - 1) as u32
+    }
+
+    /// The points of a coedge as its loop runs, without the last.
+    fn along(&self, coedge: Coedge) -> Vec<u32> {
+        let mut points = self.of_edge[coedge.edge].clone();
+        if !coedge.forward {
+            points.reverse();
+        }
+        points.pop();
+        points
+    }
+}
+
+/// Chords in which an edge is cut.
+fn chords(edge: &Edge, tolerance: f64) -> usize {
+    let [from, to] = edge.range;
+    match &edge.curve {
+        Curve::Line { .. } => 1,
+        Curve::Ellipse { a, .. } => {
+            // A chord over an angle θ misses a circle by r (1 − cos θ/2).
+            let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
+            let n = ((to - from) / widest.clamp(1e-4, WIDEST_CHORD)).ceil() as usize;
+            n.max(if edge.start == edge.end { 3 } else { 2 })
+        }
+        Curve::Spline { points, .. } => {
+            let pieces = points.len().max(2) - 1;
+            let miss = (0..pieces)
+                .map(|k| {
+                    let at = |share: f64| {
+                        edge.curve
+                            .point(from + (to - from) * (k as f64 + share) / pieces as f64)
+                    };
+                    let (a, m, b) = (at(0.0), at(0.5), at(1.0));
+                    norm(sub(m, [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)))
+                })
+                .fold(0.0, f64::max);
+            // A chord's miss falls with the square of its length.
+            pieces * ((miss / tolerance).sqrt().ceil() as usize).clamp(1, 64)
+        }
+    }
+}
+
+/// Cuts a solid's boundary into triangles that miss it by `tolerance` at most, in the unit of its coordinates.
+///
+/// The volume differs from the exact one by less than twice the tolerance times the area; that and watertightness are checked.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a face cannot be filled.
+pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
+    if !(tolerance > 0.0 && tolerance.is_finite()) {
+        return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
+    }
+    let mut finer = tolerance;
+    let mut made = once(solid, finer);
+    for _ in 1..TRIES {
+        if made.is_ok() {
+            break;
+        }
+        finer /= 4.0;
+        made = once(solid, finer);
+    }
+    checked(solid, made?, tolerance)
+}
+
+fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
+    let mut points = Points::of(solid, tolerance);
+    let mut triangles = Vec::new();
+    for (index, face) in solid.faces.iter().enumerate() {
+        let named = |e: Error| e.in_context(format!("face {index} ({})", face.surface.kind()));
+        let domain = domain::Domain::of(face, &mut points, tolerance).map_err(named)?;
+        triangles.extend(fill::triangles(face, &domain, &mut points, tolerance).map_err(named)?);
+    }
+    // Vertices that no edge uses, as on a circle without corners, are left out.
+    let mut new_of = vec![u32::MAX; points.positions.len()];
+    let mut positions = Vec::new();
+    for v in triangles.iter_mut().flatten() {
+        let new = &mut new_of[*v as usize];
+        if *new == u32::MAX {
+            *new = positions.len() as u32;
+            positions.push(points.positions[*v as usize]);
+        }
+        *v = *new;
+    }
+    TriangleMesh::try_new(positions, triangles)
+}
+
+/// The mesh, if it is closed and holds the solid's volume.
+fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<TriangleMesh> {
+    let found = mesh.check();
+    if !(found.watertight && found.oriented && found.manifold) {
+        return Err(Error::unsupported(format!(
+            "its triangles do not close: {} open, {} shared and {} turned edges",
+            found.boundary_edges, found.nonmanifold_edges, found.misoriented_edges
+        )));
+    }
+    let exact = solid.measures();
+    let volume = mesh.signed_volume().unwrap_or(f64::NAN);
+    let allowed = 2.0 * tolerance * exact.area + 1e-9 * exact.volume.abs();
+    match (volume - exact.volume).abs() <= allowed {
+        true => Ok(mesh),
+        false => Err(Error::unsupported(format!(
+            "its triangles hold {volume}, and the solid {}: needed a difference below {allowed}",
+            exact.volume
+        ))),
+    }
+}
+
+/// The lengths of a surface's steps along its two parameters, at parameters.
+fn steps(surface: &crate::brep::Surface, [u, v]: [f64; 2]) -> [f64; 2] {
+    let h = 1e-6;
+    let p = surface.point([u, v]);
+    [[u + h, v], [u, v + h]].map(|q| norm(scale(1.0 / h, sub(surface.point(q), p))).max(1e-12))
+}

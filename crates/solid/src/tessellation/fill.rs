@@ -1,0 +1,157 @@
+//! Triangles between the polygons of a face.
+
+use super::Points;
+use super::domain::Domain;
+use crate::brep::{Face, Surface};
+use planish_estimate::vector3::{norm, sub};
+use planish_estimate::{Error, Result};
+use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
+
+/// A face that needs more points than this is refused.
+const MOST_POINTS: usize = 100_000;
+/// Points are added so many times at most.
+const ROUNDS: usize = 10;
+
+/// A point of the triangulation.
+#[derive(Clone, Copy)]
+struct Placed {
+    at: [f64; 2],
+    vertex: u32,
+}
+
+impl HasPosition for Placed {
+    type Scalar = f64;
+
+    fn position(&self) -> Point2<f64> {
+        Point2::new(self.at[0], self.at[1])
+    }
+}
+
+type Triangles = ConstrainedDelaunayTriangulation<Placed>;
+
+/// The triangles of a face, oriented outwards.
+pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, tolerance: f64) -> Result<Vec<[u32; 3]>> {
+    let mut made = bounded(domain)?;
+    let on_surface = |at: [f64; 2]| face.surface.point([at[0] / domain.steps[0], at[1] / domain.steps[1]]);
+    if !matches!(face.surface, Surface::Plane { .. }) {
+        for _ in 0..ROUNDS {
+            let wanted = missing(&made, points, &on_surface, tolerance);
+            if wanted.is_empty() {
+                break;
+            }
+            if made.num_vertices() + wanted.len() > MOST_POINTS {
+                return Err(Error::unsupported(format!(
+                    "needs more than {MOST_POINTS} points: needed a larger tolerance than {tolerance}"
+                )));
+            }
+            for at in wanted {
+                let vertex = points.add(on_surface(at));
+                made.insert(Placed { at, vertex }).map_err(refused)?;
+            }
+        }
+    }
+    let inside = inside(&made);
+    Ok(made
+        .inner_faces()
+        .filter(|f| inside[f.fix().index()])
+        .map(|f| {
+            let [a, b, c] = f.vertices().map(|v| v.data().vertex);
+            if face.outward { [a, b, c] } else { [a, c, b] }
+        })
+        .collect())
+}
+
+fn refused(e: spade::InsertionError) -> Error {
+    Error::unsupported(format!("a point cannot be placed: {e}"))
+}
+
+/// The triangulation of the polygons' corners with their sides as constraints.
+fn bounded(domain: &Domain) -> Result<Triangles> {
+    let mut made = Triangles::new();
+    for polygon in &domain.polygons {
+        let mut handles = Vec::with_capacity(polygon.len());
+        for corner in polygon {
+            let placed = Placed {
+                at: corner.at,
+                vertex: corner.vertex,
+            };
+            handles.push(made.insert(placed).map_err(refused)?);
+        }
+        for k in 0..handles.len() {
+            let (a, b) = (handles[k], handles[(k + 1) % handles.len()]);
+            if a == b {
+                continue;
+            }
+            if !made.can_add_constraint(a, b) {
+                let p = domain.polygons[0].first().map_or([0.0; 2], |c| c.at);
+                return Err(Error::unsupported(format!(
+                    "sides of its loops cross, near {p:?} of its parameters"
+                )));
+            }
+            made.add_constraint(a, b);
+        }
+    }
+    Ok(made)
+}
+
+/// By index of a triangle: whether it lies in the face, an odd number of sides away from the outside.
+fn inside(made: &Triangles) -> Vec<bool> {
+    let mut found: Vec<Option<bool>> = vec![None; made.num_all_faces()];
+    let outer = made.outer_face().fix().index();
+    found[outer] = Some(false);
+    let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); made.num_all_faces()];
+    for edge in made.directed_edges() {
+        let is_side = edge.is_constraint_edge();
+        beside[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
+    }
+    let mut open = vec![outer];
+    while let Some(at) = open.pop() {
+        for &(next, is_side) in &beside[at] {
+            if found[next].is_none() {
+                found[next] = Some(found[at].unwrap_or(false) != is_side);
+                open.push(next);
+            }
+        }
+    }
+    found.into_iter().map(|f| f.unwrap_or(false)).collect()
+}
+
+/// Places where points are needed: the middle of inner sides that miss the surface, and of triangles that do.
+fn missing(
+    made: &Triangles,
+    points: &Points,
+    on_surface: &dyn Fn([f64; 2]) -> [f64; 3],
+    tolerance: f64,
+) -> Vec<[f64; 2]> {
+    let inside = inside(made);
+    let miss = |corners: &[Placed]| {
+        let n = corners.len() as f64;
+        let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
+        let flat = [0, 1, 2].map(|k| {
+            corners
+                .iter()
+                .map(|c| points.positions[c.vertex as usize][k])
+                .sum::<f64>()
+                / n
+        });
+        (at, norm(sub(on_surface(at), flat)))
+    };
+    let mut wanted = Vec::new();
+    for edge in made.undirected_edges().filter(|e| !e.is_constraint_edge()) {
+        let [a, b] = edge.as_directed().vertices().map(|v| *v.data());
+        let within = inside[edge.as_directed().face().fix().index()];
+        let (at, far) = miss(&[a, b]);
+        if within && far > tolerance {
+            wanted.push(at);
+        }
+    }
+    if wanted.is_empty() {
+        for face in made.inner_faces().filter(|f| inside[f.fix().index()]) {
+            let (at, far) = miss(&face.vertices().map(|v| *v.data()));
+            if far > tolerance {
+                wanted.push(at);
+            }
+        }
+    }
+    wanted
+}

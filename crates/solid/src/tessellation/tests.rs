@@ -1,0 +1,150 @@
+use super::*;
+use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, solve};
+use std::f64::consts::TAU;
+
+fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
+    DrawnCurve {
+        curve,
+        style,
+        entity: "test".to_owned(),
+    }
+}
+
+fn rectangle([x, y]: [f64; 2]) -> Vec<DrawnCurve> {
+    let corners = [[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]];
+    (0..4)
+        .map(|k| drawn(Curve2::Segment(corners[k], corners[(k + 1) % 4]), LineStyle::Visible))
+        .collect()
+}
+
+fn circle(center: [f64; 2], radius: f64) -> DrawnCurve {
+    let curve = Curve2::Arc {
+        center,
+        radius,
+        start: 0.0,
+        sweep: TAU,
+    };
+    drawn(curve, LineStyle::Visible)
+}
+
+fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+    drawn(Curve2::Segment(a, b), LineStyle::Hidden)
+}
+
+fn solved(views: [Vec<DrawnCurve>; 3]) -> Solid {
+    let views = ViewKind::ALL.into_iter().zip(views);
+    let drawing = Drawing {
+        views: views.map(|(kind, curves)| View { kind, curves }).collect(),
+    };
+    solve(&drawing).unwrap().solutions.remove(0).solid
+}
+
+/// A box of 40 × 30 × 20 with a hole of diameter 12 from top to bottom.
+fn box_with_hole() -> Solid {
+    let with = |mut curves: Vec<DrawnCurve>, at: [f64; 2]| {
+        curves.extend(at.map(|u| hidden([u, 0.0], [u, 20.0])));
+        curves
+    };
+    let mut top = rectangle([40.0, 30.0]);
+    top.push(circle([20.0, 15.0], 6.0));
+    solved([
+        with(rectangle([40.0, 20.0]), [14.0, 26.0]),
+        top,
+        with(rectangle([30.0, 20.0]), [9.0, 21.0]),
+    ])
+}
+
+/// Holes of different diameter along x and along z that cross: their edges are splines.
+fn crossing_holes() -> Solid {
+    let mut top = rectangle([20.0, 20.0]);
+    top.push(circle([10.0, 10.0], 5.0));
+    let mut side = rectangle([20.0, 20.0]);
+    side.push(circle([10.0, 10.0], 3.0));
+    side.extend([5.0, 15.0].map(|y| hidden([y, 0.0], [y, 20.0])));
+    let mut front = rectangle([20.0, 20.0]);
+    for u in [7.0, 13.0] {
+        // The narrow hole ends at the wide one: at x = 10 ± 4 beside, at 10 ± 5 above and below.
+        top.extend([[0.0, 6.0], [14.0, 20.0]].map(|x| hidden([x[0], u], [x[1], u])));
+        front.extend([[0.0, 5.0], [15.0, 20.0]].map(|x| hidden([x[0], u], [x[1], u])));
+    }
+    for x in [5.0, 15.0] {
+        front.extend([[0.0, 7.0], [13.0, 20.0]].map(|z| hidden([x, z[0]], [x, z[1]])));
+    }
+    // Seen along y, the holes meet on x = 10 ± √(25 − y²), z = 10 ± √(9 − y²).
+    for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+        let point = |k: i32| {
+            let y = 3.0 * (TAU / 4.0 * f64::from(k) / 60.0).sin();
+            [
+                10.0 + sx * (25.0 - y * y).sqrt(),
+                10.0 + sz * (9.0 - y * y).max(0.0).sqrt(),
+            ]
+        };
+        front.push(drawn(Curve2::Chain((0..=60).map(point).collect()), LineStyle::Hidden));
+    }
+    solved([front, top, side])
+}
+
+#[test]
+fn a_box_with_a_hole_is_closed_and_holds_its_volume() {
+    let solid = box_with_hole();
+    let exact = solid.measures();
+    let mut last = f64::MAX;
+    for tolerance in [0.5, 0.05, 0.005] {
+        let mesh = tessellate(&solid, tolerance).unwrap();
+        let found = mesh.check();
+        assert!(found.watertight && found.oriented && found.manifold);
+        assert_eq!(found.euler_characteristic, 0);
+        let off = (mesh.signed_volume().unwrap() - exact.volume).abs();
+        // A polygon around the hole leaves a sixth of its chord error's ring, over 240 π of wall.
+        assert!(
+            off < tolerance * 240.0 * std::f64::consts::PI && off < last,
+            "{tolerance}: {off}"
+        );
+        last = off;
+        for p in &mesh.positions {
+            let nearest = solid
+                .faces
+                .iter()
+                .map(|f| f.surface.distance(*p).abs())
+                .fold(f64::MAX, f64::min);
+            assert!(nearest < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn holes_that_cross_share_the_points_of_their_edges() {
+    let solid = crossing_holes();
+    let exact = solid.measures();
+    let mesh = tessellate(&solid, 0.01).unwrap();
+    let found = mesh.check();
+    assert!(found.watertight && found.oriented && found.manifold);
+    // Four openings: a ball with three handles.
+    assert_eq!(found.euler_characteristic, 2 - 2 * 3);
+    assert!((mesh.signed_volume().unwrap() - exact.volume).abs() < 0.01 * exact.area);
+    // Every triangle's middle is as near to the solid's faces as was asked for.
+    for t in 0..mesh.triangles.len() {
+        let p = mesh.point_at(t, [1.0 / 3.0; 3]);
+        let off = solid
+            .faces
+            .iter()
+            .map(|f| f.surface.distance(p).abs())
+            .fold(f64::MAX, f64::min);
+        assert!(off <= 0.011, "{off}");
+    }
+}
+
+#[test]
+fn a_face_that_is_missing_leaves_it_open() {
+    let mut solid = box_with_hole();
+    solid.faces.pop();
+    let e = tessellate(&solid, 0.1).unwrap_err();
+    assert!(e.to_string().contains("do not close"), "{e}");
+}
+
+#[test]
+fn a_tolerance_of_nothing_is_refused() {
+    for tolerance in [0.0, -1.0, f64::NAN] {
+        assert!(tessellate(&box_with_hole(), tolerance).is_err());
+    }
+}
