@@ -27,7 +27,7 @@ use planish_exchange::contours::{
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_solid::constraint::SnapOutcome;
-use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
+use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate, usual_gap};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 pub use planish_solid::primitive::Shape;
 use std::io::Write;
@@ -189,26 +189,6 @@ fn parts_of(
     }
     parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
     Ok(parts)
-}
-
-/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent are
-/// exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
-fn usual_gap(sightings: &[Sighting]) -> f64 {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    let mut variance = 0.0;
-    for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-        let [xx, _, yy] = sighting.covariance();
-        variance += 0.5 * (xx + yy);
-    }
-    let n = sightings.len() as f64;
-    let extent = (high[0] - low[0]) + (high[1] - low[1]);
-    let spacing = 2.0 * extent / n;
-    (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
 
 /// Of a line, the ends of what was seen.

@@ -11,6 +11,7 @@
 //! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
+//! | likelihood | how likely readings are whose places on an outline are not known |
 //! | choose | several kinds, and the one of the least BIC |
 //! | simulated | readings of contours that are known exactly |
 //! | parts | readings of several things told apart, holes |
@@ -22,6 +23,7 @@ mod choose;
 mod curve;
 mod fit;
 mod kind;
+mod likelihood;
 mod parts;
 mod recursive;
 mod sighting;
@@ -33,7 +35,7 @@ pub(crate) use curve::arc_circle;
 pub(crate) use fit::Judged;
 pub use fit::{ContourFit, FitOptions, Method, bound, fit};
 pub use kind::{Kind, Outline};
-pub use parts::{contains, separate};
+pub use parts::{contains, separate, usual_gap};
 pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub(crate) use start::circle as circle_of_points;

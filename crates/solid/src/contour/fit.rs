@@ -1,6 +1,7 @@
 //! One kind of contour fitted to readings.
 
 use super::kind::Kind;
+use super::likelihood::log_likelihood;
 use super::recursive::{recursive, seed_of};
 use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
 use super::start::{MOST_PIECES, mean, starts};
@@ -11,7 +12,7 @@ use planish_estimate::{Error, Loss, Result, Termination};
 /// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
 const READINGS_A_SIDE: usize = 25;
 
-/// What a reading may cost a rough fit where there is no gate, in standard deviations.
+/// What a reading may cost a likelihood where there is no gate, in standard deviations.
 const ROUGH_GATE: f64 = 10.0;
 
 /// How parameters are estimated.
@@ -74,7 +75,8 @@ pub struct ContourFit {
     pub distances: Vec<f64>,
     /// Whether each reading counted.
     pub used: Vec<bool>,
-    /// `−½ Σ s²` over the readings that counted, less what a gate costs for each that did not; up to a constant.
+    /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all kinds share; where
+    /// readings share poses `−½ Σ s²` over those that counted, less what a gate costs for each that did not.
     pub log_likelihood: f64,
     /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
     pub squares: f64,
@@ -158,7 +160,7 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
     let sightings = &own_poses(sightings)[..];
     let setting = setting(kind, sightings, options)?;
     let (readings, groups) = equations(&setting, sightings);
-    let charge = gate_cost(options.gate.or(Some(ROUGH_GATE)));
+    let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&setting, sightings, options)? {
         let settings = |threshold: f64| ImplicitOptions {
@@ -179,7 +181,8 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let bic = criterion(kind, state.len(), sightings.len(), -cost);
+        let placed = log_likelihood(&setting, state.as_slice(), sightings, outlier_gate(options));
+        let bic = criterion(kind, state.len(), sightings.len(), placed.unwrap_or(-cost));
         if bic.is_finite() && best.as_ref().is_none_or(|b| bic < b.bic) {
             let state = state.as_slice().to_vec();
             best = Some(RoughFit { state, bic });
@@ -360,6 +363,11 @@ pub(super) fn corner_margin(setting: &Setting, readings: usize, options: &FitOpt
     options.corner_margin.filter(|_| enough)
 }
 
+/// Beyond how many standard deviations a reading is as unlikely as any.
+pub(super) fn outlier_gate(options: &FitOptions) -> f64 {
+    options.gate.unwrap_or(ROUGH_GATE)
+}
+
 /// What a reading outside the gate costs: as much as one on it.
 pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
     gate.map_or(0.0, |g| 0.5 * g * g)
@@ -463,6 +471,7 @@ pub(super) fn batch(
         }
     }
     let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let placed = log_likelihood(setting, found.state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state: found.state,
@@ -470,7 +479,7 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        log_likelihood: -found.loss - left_out * gate_cost(options.gate),
+        log_likelihood: placed.unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: setting.pivot,
         time_s: setting.time_s,

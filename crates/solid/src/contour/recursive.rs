@@ -1,6 +1,7 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
-use super::fit::{ContourFit, FitOptions, Judged, Method, batch, corner_margin, equations, shared};
+use super::fit::{ContourFit, FitOptions, Judged, Method, batch, corner_margin, equations, outlier_gate, shared};
+use super::likelihood::log_likelihood;
 use super::sighting::{ContourReading, Setting, Sighting};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
@@ -76,8 +77,9 @@ pub(super) fn recursive(
     let Judged {
         used,
         squares,
-        log_likelihood,
+        log_likelihood: by_distance,
     } = Judged::of(&seen.distances, options.gate);
+    let placed = log_likelihood(setting, state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state,
@@ -85,7 +87,7 @@ pub(super) fn recursive(
         distances: seen.distances,
         used,
         squares,
-        log_likelihood,
+        log_likelihood: placed.unwrap_or(by_distance),
         termination: Termination::Converged,
         pivot: setting.pivot,
         time_s: setting.time_s,

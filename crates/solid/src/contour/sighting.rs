@@ -228,6 +228,19 @@ impl ContourReading<'_> {
         )
     }
 
+    /// The point as measured and its covariance `[xx, xy, yy]`, carried back to where the thing was at time zero.
+    pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
+        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
+        let [xx, xy, yy] = self.sighting.covariance();
+        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
+        let turned = [
+            square * xx - 2.0 * both * xy + product * yy,
+            both * (xx - yy) + (square - product) * xy,
+            product * xx + 2.0 * both * xy + square * yy,
+        ];
+        (p, turned)
+    }
+
     /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
         let [xx, xy, yy] = self.sighting.covariance();
@@ -374,16 +387,8 @@ impl ImplicitReading for ContourReading<'_> {
             return None;
         }
         let k = self.setting.kind.parameters();
-        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
-        let [xx, xy, yy] = self.sighting.covariance();
-        // In the frame of the body.
-        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
-        let turned = [
-            square * xx - 2.0 * both * xy + product * yy,
-            both * (xx - yy) + (square - product) * xy,
-            product * xx + 2.0 * both * xy + square * yy,
-        ];
-        nearest_piece(&self.setting.kind, &x[..k], p, turned)
+        let (p, covariance) = self.seen_at_rest(x);
+        nearest_piece(&self.setting.kind, &x[..k], p, covariance)
     }
 
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
