@@ -88,9 +88,6 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let limit = order.first().map_or(0.0, |o| o.1.bic) + WORTH_FINISHING;
-    let near = order.partition_point(|o| o.1.bic <= limit);
-    // Near ones all; then one by one, where none of those came to an end.
     let finish = |(kind, rough): &(&Kind, RoughFit)| {
         let options = FitOptions {
             start: Some(rough.state.clone()),
@@ -99,18 +96,25 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         fit(kind, sightings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
-    let finished: Vec<Result<ContourFit>> = order[..near].par_iter().map(finish).collect();
-    let mut rest = order[near..].iter();
-    let mut next = finished.into_iter();
-    while let Some(one) = next.next().or_else(|| {
-        let more = found.is_empty();
-        rest.next().filter(|_| more).map(finish)
-    }) {
-        match one {
-            Ok(one) => found.push(one),
-            Err(e) => last = Some(e),
+    let mut done = 0;
+    // Those near the best, as far as is known: a rough fit may promise more than is kept, or come to nothing.
+    while done < order.len() {
+        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + WORTH_FINISHING;
+        let near = order.partition_point(|o| o.1.bic <= limit);
+        if near <= done {
+            break;
+        }
+        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish).collect();
+        done = near;
+        for one in finished {
+            match one {
+                Ok(one) => found.push(one),
+                Err(e) => last = Some(e),
+            }
         }
     }
+    let rest = &order[done..];
     found.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
     let mut found = found.into_iter();
     let Some(best) = found.next() else {
@@ -122,7 +126,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
             kind: one.kind,
         })
         .collect();
-    alternatives.extend(rest.map(|(kind, rough)| Alternative {
+    alternatives.extend(rest.iter().map(|(kind, rough)| Alternative {
         bic: rough.bic.max(best.bic()),
         kind: (*kind).clone(),
     }));

@@ -18,9 +18,9 @@ const SAGITTA: f64 = 0.02;
 const WINDOW: f64 = 7.0;
 /// Most chords of an arc that one reading looks at.
 const MOST_CHORDS: f64 = 200.0;
-/// Where the outline is compared with the readings to tell what was seen of it.
-const SAMPLES: f64 = 400.0;
-/// Readings that are compared with it, at most.
+/// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of them.
+const LEAST_STEP: f64 = 1e-4;
+/// Readings that are compared with the outline to tell what was seen of it, at most.
 const MOST_COMPARED: usize = 1000;
 
 /// A point that was seen, in the frame of the thing.
@@ -126,22 +126,31 @@ fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
 
 /// The length of the outline that lies within `reach` of a reading.
 fn seen_length(strokes: &[Stroke], spots: &[Spot], reach: f64) -> f64 {
-    let total: f64 = strokes.iter().map(Stroke::length).sum();
     let stride = spots.len().div_ceil(MOST_COMPARED);
     // Fewer readings lie farther apart.
     let reach = reach * stride as f64;
+    let step = 0.25 * reach;
+    let nearest = |p: [f64; 2]| {
+        let squared = |spot: &Spot| (spot.point[0] - p[0]).powi(2) + (spot.point[1] - p[1]).powi(2);
+        let least = spots.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
+        least.sqrt()
+    };
     let mut seen = 0.0;
     for stroke in strokes {
-        let length = stroke.length();
-        let count = (SAMPLES * length / total).ceil().clamp(1.0, SAMPLES);
-        for k in 0..count as usize {
-            let p = stroke.at((k as f64 + 0.5) / count);
-            let near = |spot: &Spot| {
-                let d = [spot.point[0] - p[0], spot.point[1] - p[1]];
-                d[0] * d[0] + d[1] * d[1] <= reach * reach
-            };
-            if spots.iter().step_by(stride).any(near) {
-                seen += length / count;
+        let speed = stroke.speed();
+        let step = (step / speed).max(LEAST_STEP);
+        let (mut share, mut from) = (0.0, stroke.at(0.0));
+        while share < 1.0 {
+            let next = (share + step).min(1.0);
+            let to = stroke.at(next);
+            let away = nearest([0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1])]);
+            if away <= reach {
+                seen += (to[0] - from[0]).hypot(to[1] - from[1]);
+                (share, from) = (next, to);
+            } else {
+                // No reading comes within reach before the outline has gone so far.
+                share = next.max(share + (away - reach) / speed);
+                from = stroke.at(share);
             }
         }
     }
@@ -163,17 +172,15 @@ impl Stroke {
         }
     }
 
-    /// The length; of an ellipse by Ramanujan's second formula.
-    fn length(&self) -> f64 {
+    /// How fast [`Stroke::at`] moves with its share, at most.
+    fn speed(&self) -> f64 {
         match self {
             Self::Straight([a, b]) => (b[0] - a[0]).hypot(b[1] - a[1]),
             Self::Round {
                 semi: [a, b], sweep, ..
-            } => {
-                let h = ((a - b) / (a + b)).powi(2);
-                0.5 * sweep.abs() * (a + b) * (1.0 + 3.0 * h / (10.0 + (4.0 - 3.0 * h).sqrt()))
-            }
+            } => sweep.abs() * a.max(*b),
         }
+        .max(f64::MIN_POSITIVE)
     }
 
     /// The point at a share of the piece.
@@ -290,7 +297,8 @@ mod tests {
         let [xx, xy, yy] = spot.covariance;
         let determinant = xx * yy - xy * xy;
         let count = 200_000;
-        let ds = stroke.length() / f64::from(count);
+        // Of lines and circles the speed is the length.
+        let ds = stroke.speed() / f64::from(count);
         let each = (0..count).map(|k| {
             let p = stroke.at((f64::from(k) + 0.5) / f64::from(count));
             let d = [spot.point[0] - p[0], spot.point[1] - p[1]];
@@ -342,7 +350,7 @@ mod tests {
                     total += outline.iter().map(|s| s.density(&at)).sum::<f64>() * step * step;
                 }
             }
-            let length: f64 = outline.iter().map(Stroke::length).sum();
+            let length: f64 = outline.iter().map(Stroke::speed).sum();
             assert!((total / length - 1.0).abs() < 2e-3, "{total} for {length}");
         }
     }

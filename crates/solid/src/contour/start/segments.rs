@@ -8,6 +8,8 @@ use super::{circle, mean};
 
 /// Points are put into at most so many bins: the table of costs has the square of it.
 const MOST_BINS: usize = 120;
+/// So many places each way are tried to look around from.
+const GRID: usize = 6;
 /// Most pieces of a chain.
 pub(crate) const MOST_PIECES: usize = 14;
 
@@ -113,7 +115,9 @@ pub(crate) struct Sequence {
 }
 
 impl Sequence {
-    /// Ordered by direction from the middle; where the file's own order makes shorter steps, that is kept.
+    /// Ordered by direction from the middle, or from that place among the points from which the way around is shortest: within
+    /// an outline that is bent inwards there is often a place that sees all of it. Where the file's own order is shorter,
+    /// that is kept.
     pub(crate) fn closed(sightings: &[Sighting]) -> Self {
         let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
         let origin = circle(&points).map_or_else(
@@ -128,22 +132,18 @@ impl Sequence {
                 }
             },
         );
-        let direction = |i: usize| (points[i][1] - origin[1]).atan2(points[i][0] - origin[0]);
-        let mut around: Vec<usize> = (0..points.len()).collect();
-        around.sort_by(|&a, &b| direction(a).total_cmp(&direction(b)));
-        let length = |order: &[usize]| -> f64 {
-            (0..order.len())
-                .map(|k| {
-                    let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
-                    (a[0] - b[0]).hypot(a[1] - b[1])
-                })
-                .sum()
-        };
+        let mut best = around(&points, origin);
+        for from in places(&points) {
+            let one = around(&points, from);
+            if one.0 < 0.9 * best.0 {
+                best = one;
+            }
+        }
         let filed: Vec<usize> = (0..points.len()).collect();
-        let mut order = if length(&filed) < 0.95 * length(&around) {
+        let mut order = if way(&points, &filed) < 0.95 * best.0 {
             filed
         } else {
-            around
+            best.1
         };
         let area: f64 = (0..order.len())
             .map(|k| {
@@ -185,6 +185,39 @@ impl Sequence {
     fn count(&self) -> usize {
         self.points.len()
     }
+}
+
+/// The length of the closed way through the points in an order.
+fn way(points: &[[f64; 2]], order: &[usize]) -> f64 {
+    let step = |k: usize| {
+        let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
+        (a[0] - b[0]).hypot(a[1] - b[1])
+    };
+    (0..order.len()).map(step).sum()
+}
+
+/// The points by their direction from a place, and the length of the way.
+fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
+    let mut turns: Vec<(f64, usize)> = (points.iter().enumerate())
+        .map(|(i, p)| ((p[1] - from[1]).atan2(p[0] - from[0]), i))
+        .collect();
+    turns.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let order: Vec<usize> = turns.into_iter().map(|(_, i)| i).collect();
+    (way(points, &order), order)
+}
+
+/// A grid of places within the points' box.
+fn places(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
+    let bound = |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
+    let low = [0, 1].map(|k| bound(k, f64::INFINITY, f64::min));
+    let high = [0, 1].map(|k| bound(k, f64::NEG_INFINITY, f64::max));
+    (0..GRID * GRID).map(move |k| {
+        let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
+        [
+            low[0] + share(k % GRID) * (high[0] - low[0]),
+            low[1] + share(k / GRID) * (high[1] - low[1]),
+        ]
+    })
 }
 
 /// Where the pieces of the best segmentation into `count` begin, from a given first bin; the cost with it.
