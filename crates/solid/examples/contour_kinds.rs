@@ -58,6 +58,18 @@ fn truths() -> Vec<Truth> {
         ),
         // From one side.
         Truth {
+            name: "chain (an open L)",
+            kind: chain(&[false, false], false),
+            theta: vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7],
+            middle: [0.0, 1.0],
+        },
+        Truth {
+            name: "chain (a rounded step)",
+            kind: chain(&[false, true, false], false),
+            theta: vec![-1.0, -0.4, 0.0, -0.4, 0.5, 0.1, 0.5, 0.9, 0.414_213_562],
+            middle: [-1.0, 1.0],
+        },
+        Truth {
             name: "line",
             kind: chain(&[false], false),
             theta: vec![-1.0, 0.1, 1.0, -0.1],

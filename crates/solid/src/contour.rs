@@ -10,6 +10,7 @@
 //! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
 //! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
+//! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
 //! | likelihood | how likely readings are whose places on an outline are not known |
 //! | choose | several kinds, and the one of the least BIC |
@@ -21,6 +22,7 @@
 
 mod choose;
 mod curve;
+mod ends;
 mod fit;
 mod kind;
 mod likelihood;

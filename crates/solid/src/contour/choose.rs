@@ -1,9 +1,9 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, fit, rough};
+use super::fit::{ContourFit, FitOptions, RoughFit, finish, fit, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
-use super::start::chain_start;
+use super::start::chain_starts;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 const MOST_SIDES: usize = 8;
 
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
-const WORTH_FINISHING: f64 = 60.0;
+const WORTH_FINISHING: f64 = 30.0;
 
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,10 +49,10 @@ pub fn auto_kinds() -> Vec<Kind> {
     kinds
 }
 
-/// Fits kinds, and a chain of lines and arcs where `chains` asks for one, and chooses by the Bayesian information
+/// Fits kinds, and chains of lines and arcs where `chains` asks for them, and chooses by the Bayesian information
 /// criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the gate.
 ///
-/// All kinds are fitted roughly first, and those whose criterion is then less than 60 from the best are fitted to the end. Of
+/// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are fitted to the end. Of
 /// the others [`Alternative::bic`] is the rough one.
 ///
 /// # Errors
@@ -62,7 +62,7 @@ pub fn auto_kinds() -> Vec<Kind> {
 /// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins mean).
 pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &FitOptions) -> Result<Choice> {
     let mut tried: Vec<(Kind, FitOptions)> = kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
-    if let Some((kind, mut start)) = chains.then(|| chain_start(sightings)).flatten() {
+    for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = FitOptions {
             start: Some(start),
@@ -88,12 +88,12 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let finish = |(kind, rough): &(&Kind, RoughFit)| {
+    let finish_one = |(kind, rough): &(&Kind, RoughFit)| {
         let options = FitOptions {
             start: Some(rough.state.clone()),
             ..options.clone()
         };
-        fit(kind, sightings, &options)
+        finish(kind, sightings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
     let mut done = 0;
@@ -105,7 +105,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         if near <= done {
             break;
         }
-        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish).collect();
+        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
         done = near;
         for one in finished {
             match one {

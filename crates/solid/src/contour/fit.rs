@@ -1,5 +1,6 @@
 //! One kind of contour fitted to readings.
 
+use super::ends::ends;
 use super::kind::Kind;
 use super::likelihood::log_likelihood;
 use super::recursive::{recursive, seed_of};
@@ -14,6 +15,10 @@ const READINGS_A_SIDE: usize = 25;
 
 /// What a reading may cost a likelihood where there is no gate, in standard deviations.
 const ROUGH_GATE: f64 = 10.0;
+
+/// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an outline that is not
+/// yet in place must not lose half of its readings.
+pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,12 +125,25 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
 pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)
+}
+
+/// As [`fit`], from a start that a rough fit has brought near.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn finish(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
+}
+
+fn fit_within(kind: &Kind, sightings: &[Sighting], options: &FitOptions, thresholds: &[f64]) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let setting = setting(kind, sightings, options)?;
     let mut best: Option<ContourFit> = None;
     for start in candidates(&setting, sightings, options)? {
-        let Ok(found) = fit_from(&setting, sightings, &start, options) else {
+        let setting = with_ends(&setting, sightings, &start);
+        let Ok(found) = fit_from(&setting, sightings, &start, options, thresholds) else {
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
@@ -159,10 +177,11 @@ pub(crate) struct RoughFit {
 pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
     let sightings = &own_poses(sightings)[..];
     let setting = setting(kind, sightings, options)?;
-    let (readings, groups) = equations(&setting, sightings);
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&setting, sightings, options)? {
+        let setting = with_ends(&setting, sightings, &start);
+        let (readings, groups) = equations(&setting, sightings);
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
             correct_bias: false,
@@ -172,7 +191,7 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
         };
         let mut state = DVector::from_vec(start);
         let mut cost = f64::INFINITY;
-        for threshold in [20.0, 6.0] {
+        for threshold in ROBUST_THRESHOLDS {
             let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold)) else {
                 break;
             };
@@ -205,6 +224,7 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
             times.fold(f64::INFINITY, f64::min)
         },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
+        ends: Vec::new(),
     };
     if sightings.len() < setting.unknowns() {
         return Err(Error::undetermined(format!(
@@ -214,6 +234,17 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
         )));
     }
     Ok(setting)
+}
+
+/// With the ends of an open chain that is about where it starts.
+fn with_ends(setting: &Setting, sightings: &[Sighting], start: &[f64]) -> Setting {
+    let mut setting = setting.clone();
+    if let Kind::Chain { closed: false, .. } = setting.kind {
+        let at_rest = |sighting: &Sighting| ContourReading::of(&setting, sighting).seen_at_rest(start);
+        let points: Vec<_> = sightings.iter().map(at_rest).collect();
+        setting.ends = ends(&setting.kind, &start[..setting.kind.parameters()], &points);
+    }
+    setting
 }
 
 /// Where to start: where it was said, or what the readings suggest.
@@ -241,6 +272,7 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
         pivot: [0.0; 2],
         time_s: 0.0,
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
+        ends: Vec::new(),
     };
     let (readings, groups) = equations(&setting, exact);
     kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
@@ -346,10 +378,18 @@ pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> 
         let next = numbers.len();
         groups.push(*numbers.entry(key).or_insert(next));
     }
-    let readings = sightings
-        .iter()
-        .map(|sighting| ContourReading { setting, sighting })
+    let mut readings: Vec<ContourReading<'_>> = (sightings.iter())
+        .map(|sighting| ContourReading::of(setting, sighting))
         .collect();
+    if let Some(sighting) = sightings.first() {
+        for &end in &setting.ends {
+            groups.push(numbers.len() + readings.len() - sightings.len());
+            readings.push(ContourReading {
+                end: Some(end),
+                ..ContourReading::of(setting, sighting)
+            });
+        }
+    }
     (readings, groups)
 }
 
@@ -399,9 +439,15 @@ impl Judged {
     }
 }
 
-fn fit_from(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+fn fit_from(
+    setting: &Setting,
+    sightings: &[Sighting],
+    start: &[f64],
+    options: &FitOptions,
+    thresholds: &[f64],
+) -> Result<ContourFit> {
     match options.method {
-        Method::Batch => batch(setting, sightings, start, options),
+        Method::Batch => batch(setting, sightings, start, options, thresholds),
         _ => recursive(setting, sightings, start, options),
     }
 }
@@ -411,6 +457,7 @@ pub(super) fn batch(
     sightings: &[Sighting],
     start: &[f64],
     options: &FitOptions,
+    thresholds: &[f64],
 ) -> Result<ContourFit> {
     let (all, groups) = equations(setting, sightings);
     let plain = ImplicitOptions {
@@ -420,8 +467,7 @@ pub(super) fn batch(
     let mut at = DVector::from_column_slice(start);
     let mut used = vec![true; sightings.len()];
     if let Some(gate) = options.gate {
-        // Wide at first: an outline that is not yet in place must not lose half of its readings.
-        for threshold in [20.0, 6.0] {
+        for &threshold in thresholds {
             let robust = ImplicitOptions {
                 loss: Loss::Tukey { threshold },
                 correct_bias: false,

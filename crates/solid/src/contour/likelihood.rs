@@ -31,7 +31,7 @@ struct Spot {
 }
 
 /// A piece of an outline.
-enum Stroke {
+pub(super) enum Stroke {
     Straight([[f64; 2]; 2]),
     /// `center + semi[0] cos t · turn + semi[1] sin t · turn⊥` for `t` in `[from, from + sweep]`.
     Round {
@@ -62,7 +62,7 @@ pub(super) fn log_likelihood(setting: &Setting, state: &[f64], sightings: &[Sigh
     let spots: Vec<Spot> = sightings
         .iter()
         .map(|sighting| {
-            let (point, covariance) = ContourReading { setting, sighting }.seen_at_rest(state);
+            let (point, covariance) = ContourReading::of(setting, sighting).seen_at_rest(state);
             Spot { point, covariance }
         })
         .collect();
@@ -158,7 +158,7 @@ fn seen_length(strokes: &[Stroke], spots: &[Spot], reach: f64) -> f64 {
 }
 
 impl Stroke {
-    fn between(a: [f64; 2], b: [f64; 2], bulge: f64) -> Self {
+    pub(super) fn between(a: [f64; 2], b: [f64; 2], bulge: f64) -> Self {
         if bulge == 0.0 {
             return Self::Straight([a, b]);
         }
@@ -173,7 +173,7 @@ impl Stroke {
     }
 
     /// How fast [`Stroke::at`] moves with its share, at most.
-    fn speed(&self) -> f64 {
+    pub(super) fn speed(&self) -> f64 {
         match self {
             Self::Straight([a, b]) => (b[0] - a[0]).hypot(b[1] - a[1]),
             Self::Round {
@@ -184,7 +184,7 @@ impl Stroke {
     }
 
     /// The point at a share of the piece.
-    fn at(&self, share: f64) -> [f64; 2] {
+    pub(super) fn at(&self, share: f64) -> [f64; 2] {
         match self {
             Self::Straight([a, b]) => [0, 1].map(|k| a[k] + share * (b[k] - a[k])),
             Self::Round { from, sweep, .. } => self.on_round(from + share * sweep),

@@ -60,11 +60,9 @@ fn derivatives_are_those_of_differences() {
                 pivot: [0.2, 0.1],
                 time_s: 0.0,
                 shared_poses,
+                ends: Vec::new(),
             };
-            let reading = ContourReading {
-                setting: &setting,
-                sighting: &sighting,
-            };
+            let reading = ContourReading::of(&setting, &sighting);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
             if shared_poses {
                 x.extend([0.5, -0.3, 0.2]);
