@@ -13,6 +13,9 @@ const MOST_SIDES: usize = 8;
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
 const WORTH_FINISHING: f64 = 30.0;
 
+/// A kind with a side of which less than this was seen is not chosen where another has none.
+const LEAST_SEEN: f64 = 0.4;
+
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternative {
@@ -53,7 +56,8 @@ pub fn auto_kinds() -> Vec<Kind> {
 /// criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the gate.
 ///
 /// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are fitted to the end. Of
-/// the others [`Alternative::bic`] is the rough one.
+/// the others [`Alternative::bic`] is the rough one. What has a side that was hardly seen explains readings with less than it
+/// says, as a triangle does an open angle: it is left out where another kind has no such side.
 ///
 /// # Errors
 /// `Undetermined` when none could be fitted.
@@ -115,6 +119,9 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     let rest = &order[done..];
+    if found.iter().any(|one| one.least_seen >= LEAST_SEEN) {
+        found.retain(|one| one.least_seen >= LEAST_SEEN);
+    }
     found.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
     let mut found = found.into_iter();
     let Some(best) = found.next() else {

@@ -2,7 +2,7 @@
 
 use super::ends::ends;
 use super::kind::Kind;
-use super::likelihood::log_likelihood;
+use super::likelihood::placed;
 use super::recursive::{recursive, seed_of};
 use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
 use super::start::{MOST_PIECES, mean, starts};
@@ -83,6 +83,9 @@ pub struct ContourFit {
     /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all kinds share; where
     /// readings share poses `−½ Σ s²` over those that counted, less what a gate costs for each that did not.
     pub log_likelihood: f64,
+    /// The least share of a straight side that a reading came near; 1 where there is none, or where sides follow from one
+    /// another as those of a regular polygon do.
+    pub least_seen: f64,
     /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
     pub squares: f64,
     /// How it ended.
@@ -148,7 +151,7 @@ fn fit_within(kind: &Kind, sightings: &[Sighting], options: &FitOptions, thresho
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
             && corners_are_real(&found)
-            && stays_near(&found, &points)
+            && stays_near(kind, found.state.as_slice(), found.pivot, &points)
             && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
         {
             best = Some(found);
@@ -177,6 +180,7 @@ pub(crate) struct RoughFit {
 pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
     let sightings = &own_poses(sightings)[..];
     let setting = setting(kind, sightings, options)?;
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&setting, sightings, options)? {
@@ -200,9 +204,17 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let placed = log_likelihood(&setting, state.as_slice(), sightings, outlier_gate(options));
-        let bic = criterion(kind, state.len(), sightings.len(), placed.unwrap_or(-cost));
-        if bic.is_finite() && best.as_ref().is_none_or(|b| bic < b.bic) {
+        let placed = placed(&setting, state.as_slice(), sightings, outlier_gate(options));
+        let bic = criterion(
+            kind,
+            state.len(),
+            sightings.len(),
+            placed.log_likelihood.unwrap_or(-cost),
+        );
+        if bic.is_finite()
+            && stays_near(kind, state.as_slice(), setting.pivot, &points)
+            && best.as_ref().is_none_or(|b| bic < b.bic)
+        {
             let state = state.as_slice().to_vec();
             best = Some(RoughFit { state, bic });
         }
@@ -306,13 +318,12 @@ fn corners_are_real(found: &ContourFit) -> bool {
 }
 
 /// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
-fn stays_near(found: &ContourFit, points: &[[f64; 2]]) -> bool {
-    let from = |p: [f64; 2]| (p[0] - found.pivot[0]).hypot(p[1] - found.pivot[1]);
+fn stays_near(kind: &Kind, state: &[f64], middle: [f64; 2], points: &[[f64; 2]]) -> bool {
+    let from = |p: [f64; 2]| (p[0] - middle[0]).hypot(p[1] - middle[1]);
     let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
-    let theta = &found.state.as_slice()[..found.kind.parameters()];
+    let theta = &state[..kind.parameters()];
     let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
-    matches!(found.kind, Kind::Circle | Kind::Ellipse)
-        || found.kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
+    matches!(kind, Kind::Circle | Kind::Ellipse) || kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
 }
 
 /// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
@@ -517,7 +528,7 @@ pub(super) fn batch(
         }
     }
     let left_out = used.iter().filter(|u| !**u).count() as f64;
-    let placed = log_likelihood(setting, found.state.as_slice(), sightings, outlier_gate(options));
+    let placed = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state: found.state,
@@ -525,7 +536,8 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        log_likelihood: placed.unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
+        least_seen: placed.least_seen,
+        log_likelihood: (placed.log_likelihood).unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: setting.pivot,
         time_s: setting.time_s,

@@ -43,22 +43,27 @@ pub(super) enum Stroke {
     },
 }
 
+/// What readings say of an outline whose places are not known.
+pub(super) struct Placed {
+    /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from the pose, and
+    /// needs no integral.
+    pub(super) log_likelihood: Option<f64>,
+    /// The least share of a straight side that a reading came near; 1 where sides follow from one another.
+    pub(super) least_seen: f64,
+}
+
 /// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's place is anywhere
 /// on what was seen of the outline, of the length `L`, and wild readings are as unlikely as those at the gate `g`.
 ///
 /// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about `−½ Σ s²`; all kinds
 /// share them. On a straight side that is long beside σ the integral is the normal density of the distance; at corners, and
 /// where the outline bends within a few σ, it is what the distance to the nearest side is not: the likelihood. An endless line
-/// counts from the first to the last reading. `None` where readings share poses: their place then follows from the
-/// pose and needs no integral. Cost: a few exponentials a reading and piece, thirty for an arc.
+/// counts from the first to the last reading. Cost: a few exponentials a reading and piece, thirty for an arc.
 ///
 /// # References
 /// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional relations, and the
 /// incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates based on partially consistent observations*.
-pub(super) fn log_likelihood(setting: &Setting, state: &[f64], sightings: &[Sighting], gate: f64) -> Option<f64> {
-    if setting.shared_poses {
-        return None;
-    }
+pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], gate: f64) -> Placed {
     let spots: Vec<Spot> = sightings
         .iter()
         .map(|sighting| {
@@ -67,21 +72,40 @@ pub(super) fn log_likelihood(setting: &Setting, state: &[f64], sightings: &[Sigh
         })
         .collect();
     let strokes = strokes(&setting.kind, &state[..setting.kind.parameters()], &spots);
-    let length = seen_length(&strokes, &spots, 0.5 * usual_gap(sightings));
+    let seen = seen_lengths(&strokes, &spots, 0.5 * usual_gap(sightings));
     let (low, high) = extent(&spots);
-    let around = 2.0 * (high[0] - low[0] + high[1] - low[1]);
+    let size = [high[0] - low[0], high[1] - low[1]];
+    // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no shorter than they reach.
+    let length = (seen.iter().sum::<f64>())
+        .max(size[0])
+        .max(size[1])
+        .max(f64::MIN_POSITIVE);
+    let straight = strokes.iter().zip(&seen).filter_map(|(stroke, seen)| match stroke {
+        Stroke::Straight(_) => Some(seen / stroke.speed()),
+        Stroke::Round { .. } => None,
+    });
+    let least_seen = match setting.kind {
+        Kind::RegularPolygon(_) => 1.0,
+        _ => straight.fold(1.0, f64::min),
+    };
+    if setting.shared_poses {
+        return Placed {
+            log_likelihood: None,
+            least_seen,
+        };
+    }
+    let around = 2.0 * (size[0] + size[1]);
     let wild = (-0.5 * gate * gate).exp();
     let share = TAU.sqrt() * around / length;
-    Some(
-        spots
-            .iter()
-            .map(|spot| {
-                let density: f64 = strokes.iter().map(|stroke| stroke.density(spot)).sum();
-                let sigma = (spot.covariance[0] + spot.covariance[2]).sqrt();
-                (share * sigma * density + wild).ln()
-            })
-            .sum(),
-    )
+    let each = spots.iter().map(|spot| {
+        let density: f64 = strokes.iter().map(|stroke| stroke.density(spot)).sum();
+        let sigma = (spot.covariance[0] + spot.covariance[2]).sqrt();
+        (share * sigma * density + wild).ln()
+    });
+    Placed {
+        log_likelihood: Some(each.sum()),
+        least_seen,
+    }
 }
 
 fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
@@ -124,8 +148,8 @@ fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
     }
 }
 
-/// The length of the outline that lies within `reach` of a reading.
-fn seen_length(strokes: &[Stroke], spots: &[Spot], reach: f64) -> f64 {
+/// The length of each piece that lies within `reach` of a reading.
+fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
     let stride = spots.len().div_ceil(MOST_COMPARED);
     // Fewer readings lie farther apart.
     let reach = reach * stride as f64;
@@ -135,8 +159,8 @@ fn seen_length(strokes: &[Stroke], spots: &[Spot], reach: f64) -> f64 {
         let least = spots.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
         least.sqrt()
     };
-    let mut seen = 0.0;
-    for stroke in strokes {
+    let of = |stroke: &Stroke| {
+        let mut seen = 0.0;
         let speed = stroke.speed();
         let step = (step / speed).max(LEAST_STEP);
         let (mut share, mut from) = (0.0, stroke.at(0.0));
@@ -153,8 +177,9 @@ fn seen_length(strokes: &[Stroke], spots: &[Spot], reach: f64) -> f64 {
                 from = stroke.at(share);
             }
         }
-    }
-    seen.max(f64::MIN_POSITIVE)
+        seen
+    };
+    strokes.iter().map(of).collect()
 }
 
 impl Stroke {
@@ -240,7 +265,12 @@ impl Stroke {
                 while middle - near < end {
                     let (a, b) = ((middle - near).max(start), (middle + near).min(end));
                     let count = ((b - a) / step).ceil().clamp(1.0, MOST_CHORDS);
-                    let at = |k: f64| self.on_round(a + (b - a) * k / count);
+                    // A little outwards, so that the chords lie on the arc on average.
+                    let grow = ((b - a) / count).powi(2) / 12.0;
+                    let at = |k: f64| {
+                        let p = self.on_round(a + (b - a) * k / count);
+                        [0, 1].map(|i| p[i] + grow * (p[i] - center[i]))
+                    };
                     let mut last = at(0.0);
                     for k in 1..=count as usize {
                         let next = at(k as f64);
@@ -320,7 +350,7 @@ mod tests {
             for point in [[0.9, 0.4], [0.0, 0.0], [1.2, -0.2], [0.5, 0.9], [0.1, 1.1]] {
                 let (found, wanted) = (stroke.density(&spot(point)), summed(stroke, &spot(point)));
                 assert!(
-                    (found - wanted).abs() < 0.02 * wanted + 1e-6,
+                    (found - wanted).abs() < 0.01 * wanted + 1e-6,
                     "{i} {point:?}: {found} for {wanted}"
                 );
             }
@@ -362,7 +392,10 @@ mod tests {
             .map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]]))
             .collect();
         let spots: Vec<Spot> = (0..41).map(|k| spot([0.1 * f64::from(k), 0.0])).collect();
-        let seen = seen_length(&strokes, &spots, 0.2);
-        assert!((4.0..4.6).contains(&seen), "{seen}");
+        let seen = seen_lengths(&strokes, &spots, 0.2);
+        assert!(
+            (seen[0] - 4.0).abs() < 0.1 && seen[1] < 0.3 && seen[2] == 0.0,
+            "{seen:?}"
+        );
     }
 }

@@ -3,7 +3,7 @@
 use super::fit::{
     ContourFit, FitOptions, Judged, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations, outlier_gate, shared,
 };
-use super::likelihood::log_likelihood;
+use super::likelihood::placed;
 use super::sighting::{ContourReading, Setting, Sighting};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
@@ -83,7 +83,7 @@ pub(super) fn recursive(
         squares,
         log_likelihood: by_distance,
     } = Judged::of(&seen.distances, options.gate);
-    let placed = log_likelihood(setting, state.as_slice(), sightings, outlier_gate(options));
+    let placed = placed(setting, state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state,
@@ -91,7 +91,8 @@ pub(super) fn recursive(
         distances: seen.distances,
         used,
         squares,
-        log_likelihood: placed.unwrap_or(by_distance),
+        least_seen: placed.least_seen,
+        log_likelihood: placed.log_likelihood.unwrap_or(by_distance),
         termination: Termination::Converged,
         pivot: setting.pivot,
         time_s: setting.time_s,

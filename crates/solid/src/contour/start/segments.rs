@@ -9,17 +9,19 @@ use super::sequence::{Sequence, Sums};
 
 /// Most pieces of a chain.
 pub(crate) const MOST_PIECES: usize = 14;
-/// Chains of other numbers of pieces are tried where they cost at most so much more than the best.
-const WORTH_TRYING: f64 = 60.0;
-/// So many of them at most.
-const MOST_CHAINS: usize = 4;
+/// Segmentations of a closed sequence begin at so many places.
+const MOST_STARTS: usize = 10;
+/// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of uneven σ ask for more
+/// pieces than the likelihood does.
+const FEW_PIECES: usize = 4;
 
-/// Where the pieces of the best segmentation into `count` begin, from a given first bin; the cost with it.
-fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, count: usize) -> Option<(f64, Vec<usize>)> {
-    let mut value = vec![vec![f64::INFINITY; bins + 1]; count + 1];
-    let mut from = vec![vec![0; bins + 1]; count + 1];
+/// Cost of the best segmentation into each number of pieces up to `most` that begins at a given bin, and where its pieces
+/// begin; the first is that into one.
+fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<(f64, Vec<usize>)> {
+    let mut value = vec![vec![f64::INFINITY; bins + 1]; most + 1];
+    let mut from = vec![vec![0; bins + 1]; most + 1];
     value[0][0] = 0.0;
-    for k in 1..=count {
+    for k in 1..=most {
         for to in k..=bins {
             for middle in (k - 1)..to {
                 let cost = value[k - 1][middle] + costs[(start + middle) % bins][to - middle];
@@ -29,17 +31,18 @@ fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, count: usize) -> Opt
             }
         }
     }
-    if !value[count][bins].is_finite() {
-        return None;
-    }
-    let mut cuts = Vec::with_capacity(count);
-    let mut at = bins;
-    for k in (1..=count).rev() {
-        at = from[k][at];
-        cuts.push((start + at) % bins);
-    }
-    cuts.reverse();
-    Some((value[count][bins], cuts))
+    (1..=most)
+        .map(|count| {
+            let mut cuts = Vec::with_capacity(count);
+            let mut at = bins;
+            for k in (1..=count).rev() {
+                at = from[k][at];
+                cuts.push((start + at) % bins);
+            }
+            cuts.reverse();
+            (value[count][bins], cuts)
+        })
+        .collect()
 }
 
 /// Costs of all runs `[from, from + length)` of bins.
@@ -58,21 +61,30 @@ fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn segmented(costs: &[Vec<f64>], sequence: &Sequence, count: usize) -> Option<(f64, Vec<usize>)> {
+/// The best segmentations into one piece, two, and so on up to `most`: cost and where pieces begin.
+///
+/// An open sequence begins at its first point. A closed one begins at any cut of the best; where that is follows from
+/// segmentations that began elsewhere, which into more pieces than needed have it among their cuts.
+fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, Vec<usize>)> {
     let bins = sequence.bins;
-    if !sequence.is_closed {
-        return best_cuts(costs, bins, 0, count);
-    }
-    // The first run starts anywhere; then from a cut in the middle of what was found, until nothing changes.
-    let mut best: Option<(f64, Vec<usize>)> = None;
-    let mut start = 0;
-    for round in 0..4 {
-        let found = best_cuts(costs, bins, start, count)?;
-        let next = found.1[(1 + round) % count];
-        if best.as_ref().is_none_or(|b| found.0 < b.0 - 1e-9) {
-            best = Some(found);
+    let mut best = best_cuts(costs, bins, 0, most);
+    let mut tried = vec![0];
+    while sequence.is_closed && tried.len() <= MOST_STARTS {
+        // The cut that most of the best have, and which was not begun at.
+        let cuts = best.iter().flat_map(|(_, cuts)| cuts);
+        let mut times = vec![0; bins];
+        for &cut in cuts.filter(|cut| !tried.contains(cut)) {
+            times[cut] += 1;
         }
-        start = next;
+        let Some(start) = (0..bins).filter(|&cut| times[cut] > 0).max_by_key(|&cut| times[cut]) else {
+            break;
+        };
+        tried.push(start);
+        for (best, found) in best.iter_mut().zip(best_cuts(costs, bins, start, most)) {
+            if found.0 < best.0 {
+                *best = found;
+            }
+        }
     }
     best
 }
@@ -83,7 +95,10 @@ pub(super) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
         return None;
     }
     let costs = table(sequence, |sums| if sums.count() < 2.0 { 1e3 } else { sums.line().2 });
-    let (_, cuts) = segmented(&costs, sequence, count)?;
+    let (cost, cuts) = segmented(&costs, sequence, count).pop()?;
+    if !cost.is_finite() {
+        return None;
+    }
     let vertices = corners(sequence, &cuts);
     Some(vertices.into_iter().flatten().collect())
 }
@@ -120,8 +135,7 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Chains of least penalised cost, best first: that into the best number of pieces, and into others that cost little more. A
-/// closed one has an arc, or it is a polygon; an open one has two pieces at least, or an arc.
+/// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has an arc, or it is a polygon; an open one has two pieces at least, or an arc.
 pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
@@ -131,17 +145,16 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
         (sums.line().2 + 2.0 * penalty).min(sums.arc() + 3.0 * penalty)
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
-    let mut found: Vec<(f64, Kind, Vec<f64>)> = (fewest..=MOST_PIECES.min(sequence.bins / 4))
-        .filter_map(|count| {
-            let (cost, cuts) = segmented(&costs, sequence, count)?;
+    let most = MOST_PIECES.min(sequence.bins / 4);
+    let mut found: Vec<(f64, Kind, Vec<f64>)> = (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
+        .filter(|(cost, _)| cost.is_finite())
+        .filter_map(|(cost, cuts)| {
             let (kind, theta) = chain(sequence, &cuts, penalty)?;
             Some((cost, kind, theta))
         })
         .collect();
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let limit = found.first().map_or(0.0, |best| best.0) + WORTH_TRYING;
-    found.retain(|one| one.0 <= limit);
-    found.truncate(MOST_CHAINS);
+    let least = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
+    found.retain(|one| one.0 <= least || one.1.pieces() <= FEW_PIECES);
     found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
 }
 
@@ -149,10 +162,10 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
 fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec<f64>)> {
     let count = cuts.len();
     let is_closed = sequence.is_closed;
-    let run = |k: usize| match cuts.get(k + 1) {
-        Some(&to) if to > cuts[k] => (cuts[k], to),
-        _ if !is_closed => (cuts[k], sequence.bins),
-        _ => (cuts[k], cuts[(k + 1) % count] + sequence.bins),
+    let run = |k: usize| {
+        let (from, to) = (cuts[k], cuts[(k + 1) % count]);
+        // Past the end of a closed sequence it begins anew; an open one ends there.
+        (from, if to <= from { to + sequence.bins } else { to })
     };
     let arcs: Vec<bool> = (0..count)
         .map(|k| {
