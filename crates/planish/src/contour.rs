@@ -26,7 +26,7 @@ use planish_exchange::contours::{
     ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
-pub use planish_solid::constraint::SnapOutcome;
+pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
 use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate, usual_gap};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 pub use planish_solid::primitive::Shape;
@@ -41,8 +41,10 @@ const LEAST_READINGS: usize = 8;
 pub struct ContourJob {
     /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
     pub input: PathBuf,
-    /// Kinds to try; empty for all, chains of lines and arcs included.
+    /// Kinds to try; empty for all, chains of lines and arcs included, unless `chains` asks for these alone.
     pub kinds: Vec<Kind>,
+    /// Whether chains of lines and arcs, closed or open, are tried beside the kinds that are named.
+    pub chains: bool,
     /// Shapes in space to try, for readings in space; none for contours.
     pub shapes: Vec<Shape>,
     /// How to fit.
@@ -169,9 +171,9 @@ fn parts_of(
             "{strays} readings lie apart from all others and were left out: raise --gap if they belong together"
         ));
     }
-    let (kinds, chains) = match job.kinds.is_empty() {
+    let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
         true => (auto_kinds(), true),
-        false => (job.kinds.clone(), false),
+        false => (job.kinds.clone(), job.chains),
     };
     let count = clusters.len();
     let mut parts = Vec::new();

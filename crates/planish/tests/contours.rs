@@ -10,6 +10,7 @@ use planish::contour::{
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
 use planish_exchange::Unit;
+use planish_exchange::contours::read_contour_json;
 use planish_exchange::picture::write_grey_png;
 use planish_solid::contour::{Sighting, Target, points};
 use planish_solid::primitive::{Seen, Solid, SpaceSensor, rays};
@@ -20,6 +21,7 @@ fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
     ContourJob {
         input,
         kinds: kinds.to_vec(),
+        chains: false,
         shapes: Vec::new(),
         fit: FitOptions::default(),
         sigma: SigmaDefaults::default(),
@@ -289,4 +291,103 @@ fn a_room_of_a_carmen_log_has_walls() {
     assert_eq!(report.unit, Some(Unit::Metre));
     is_near(&report, 0, "width", 6.0);
     is_near(&report, 0, "height", 4.0);
+}
+
+#[test]
+fn an_open_outline_is_a_chain_with_its_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bracket.csv");
+    // A bracket with a rounded inner corner, of which one side is seen.
+    let kind = Kind::Chain {
+        arcs: vec![false, true, false],
+        closed: false,
+    };
+    let bulge = std::f64::consts::FRAC_PI_8.tan();
+    let theta = [0.0, 0.0, 50.0, 0.0, 60.0, 10.0, 60.0, 40.0, bulge];
+    let names = ["x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3", "bulge1"];
+    let (runs, mut within) = (20, 0);
+    for seed in 0..runs {
+        write_points(&path, &[(0.0, points(&kind, &theta, 300, 0.2, seed).noisy)]);
+        let output = folder.path().join("bracket.json");
+        let job = ContourJob {
+            outputs: vec![output.clone()],
+            ..job(path.clone(), &[])
+        };
+        let report = contour_files(&job, &Silent).unwrap();
+        assert_eq!(report.main.kind, "chain", "seed {seed}: {:?}", report.main.alternatives);
+        assert_eq!(report.main.closed, Some(false));
+        for (name, truth) in names.iter().zip(theta) {
+            let (_, found) = report.main.parameters.iter().find(|(n, _)| n == name).unwrap();
+            within += usize::from((found.value - truth).abs() < 1.96 * found.sigma);
+        }
+        let read = read_contour_json(&output).unwrap();
+        assert_eq!(read.contours[0].kind, kind);
+    }
+    let share = within as f64 / (runs as f64 * theta.len() as f64);
+    println!("an open chain: coverage {share:.3}");
+    assert!(share > 0.88, "{share}");
+}
+
+#[test]
+fn the_section_of_several_levels_is_covered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("levels.csv");
+    let truth = [10.0, 5.0, 40.0, 25.0, 0.3];
+    let (runs, mut prisms, mut within, mut squares) = (60, 0, 0, 0.0);
+    for seed in 0..runs {
+        let level = |k: u64| points(&Kind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
+        write_points(&path, &[(0.0, level(0)), (10.0, level(1)), (20.0, level(2))]);
+        let levels = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent)
+            .unwrap()
+            .levels
+            .unwrap();
+        prisms += u32::from(levels.relation == Relation::Prism);
+        for ((_, value, sigma), truth) in levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()]) {
+            within += u32::from((value - truth).abs() < 1.96 * sigma);
+            squares += ((value - truth) / sigma).powi(2);
+        }
+    }
+    let count = 5.0 * runs as f64;
+    println!(
+        "levels: {prisms} of {runs} prisms, coverage {:.3}, rms {:.2} σ",
+        f64::from(within) / count,
+        (squares / count).sqrt()
+    );
+    assert!(
+        prisms >= 56 && f64::from(within) > 0.9 * count,
+        "{prisms} prisms, {within} of {count}"
+    );
+}
+
+#[test]
+fn corridors_of_a_measured_log_have_walls() {
+    let data = std::env::var_os("PLANISH_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
+        PathBuf::from,
+    );
+    let log = data.join("laser2d/intel-corrected.log.gz");
+    if !log.is_file() {
+        println!("skipped: the log is not at {}", log.display());
+        return;
+    }
+    let mut job = job(log, &[Kind::Line]);
+    job.chains = true;
+    job.carmen.range = [0.05, 8.0];
+    job.gap = Some(0.4);
+    let report = contour_files(&job, &Silent).unwrap();
+    assert_eq!(report.unit, Some(Unit::Metre));
+    assert!(!report.contours.is_empty() && report.main.readings >= 20);
+    for contour in &report.contours {
+        println!(
+            "{}: {} readings, {:.2}",
+            contour.kind, contour.readings, contour.reduced_chi_square
+        );
+        assert!(["line", "chain"].contains(&contour.kind.as_str()));
+        assert!(
+            contour
+                .parameters
+                .iter()
+                .all(|(_, p)| p.value.is_finite() && p.sigma > 0.0)
+        );
+    }
 }
