@@ -34,8 +34,8 @@ pub struct ContourArgs {
     /// File to write; may be repeated: .json, .dxf, .svg
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N corners, chain (lines and arcs, closed or open); in space
-    /// plane3, sphere, cylinder, box; may be repeated: then the best of these
+    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs, closed or open), regular-polygon-N or
+    /// polygon-N with N corners; in space plane3, sphere, cylinder, box; may be repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
     /// How: all readings at once (batch), or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)

@@ -391,3 +391,96 @@ fn corridors_of_a_measured_log_have_walls() {
         );
     }
 }
+
+#[test]
+fn bad_readings_are_refused_with_file_line_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text, says) in [
+        ("empty.csv", "", "holds no readings: needed a header"),
+        ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
+        (
+            "no_range.csv",
+            "x,y,heading_deg\n1,2,3\n",
+            "line 1: needed a header with",
+        ),
+        ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
+        ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
+        (
+            "short.csv",
+            "x,y,sigma\n1,2\n",
+            "line 2: needed 3 fields as in the header, found 2",
+        ),
+        (
+            "word.csv",
+            "x,y,sigma\n1,2,0.1\n1,two,0.1\n",
+            "line 3: needed a number in column `y`",
+        ),
+        (
+            "nan.csv",
+            "x,y,sigma\nnan,1,0.1\n",
+            "line 2: needed a number in column `x`",
+        ),
+        (
+            "infinite.csv",
+            "x,y,sigma,level\n1,1,0.1,inf\n",
+            "line 2: needed a number in column `level`",
+        ),
+        (
+            "zero_sigma.csv",
+            "x,y,sigma\n1,2,0\n",
+            "line 2: needed a positive σ in column `sigma`, found 0",
+        ),
+        (
+            "no_sigma.csv",
+            "x,y\n1,2\n",
+            "line 2: how uncertain readings are is not known",
+        ),
+        (
+            "behind.csv",
+            "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",
+            "line 2: needed a positive range, found -1",
+        ),
+        (
+            "no_sigma_range.csv",
+            "x,y,heading_deg,range\n0,0,0,1\n",
+            "needed a column `sigma_range` or --sigma-range",
+        ),
+        (
+            "two.csv",
+            "x,y,sigma\n1,2,0.1\n2,2,0.1\n",
+            "2 readings cannot determine the 3",
+        ),
+        (
+            "same.csv",
+            &("x,y,sigma\n".to_owned() + &"1,2,0.1\n".repeat(30)),
+            "do not determine a circle",
+        ),
+        (
+            "cut.log",
+            "FLASER 180 1 2 3\n",
+            "line 1: needed `FLASER n` with n ranges and a pose, found 5 words",
+        ),
+        (
+            "word.log",
+            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
+            "line 2: word 4 is no number",
+        ),
+        (
+            "blind.log",
+            "FLASER 1 81.9 0 0 0 0 0 0 1 host 1\n",
+            "a log of 1 scans, of which none",
+        ),
+        ("picture.png", "no picture", "picture.png"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let output = folder.path().join("out.json");
+        let job = ContourJob {
+            outputs: vec![output.clone()],
+            ..job(path, &[Kind::Circle])
+        };
+        let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+        assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
+        assert!(!output.exists(), "{name}: an output was left behind");
+    }
+}
