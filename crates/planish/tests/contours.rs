@@ -457,8 +457,8 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         ),
         (
             "cut.log",
-            "FLASER 180 1 2 3\n",
-            "line 1: needed `FLASER n` with n ranges and a pose, found 5 words",
+            "# a log\nFLASER 180 1 2 3\n",
+            "line 2: needed `FLASER n` with n ranges and a pose, found 5 words",
         ),
         (
             "word.log",
@@ -467,7 +467,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         ),
         (
             "blind.log",
-            "FLASER 1 81.9 0 0 0 0 0 0 1 host 1\n",
+            "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n",
             "a log of 1 scans, of which none",
         ),
         ("picture.png", "no picture", "picture.png"),
