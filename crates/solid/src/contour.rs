@@ -13,6 +13,7 @@
 //! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
 //! | likelihood | how likely readings are whose places on an outline are not known |
+//! | plausible | whether corners are corners, and a fit is where the readings are |
 //! | choose | several kinds, and the one of the least BIC |
 //! | simulated | readings of contours that are known exactly |
 //! | parts | readings of several things told apart, holes |
@@ -27,6 +28,7 @@ mod fit;
 mod kind;
 mod likelihood;
 mod parts;
+mod plausible;
 mod recursive;
 mod sighting;
 mod simulated;

@@ -74,6 +74,11 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         };
         tried.push((kind, options));
     }
+    if tried.is_empty() {
+        return Err(Error::undetermined(
+            "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
+        ));
+    }
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, sightings, options)?;
         return Ok(Choice {
