@@ -432,7 +432,7 @@ pub struct SolidArgs {
     #[arg(long = "as", value_name = "VIEWS", value_delimiter = ',', value_enum)]
     pub kinds: Vec<ViewName>,
     /// Of contours: the probability with which relations and matches that are true are lost
-    #[arg(long, value_name = "PROBABILITY", default_value_t = 0.001, value_parser = probability, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PROBABILITY", default_value_t = planish::contour::DEFAULT_LEVEL, value_parser = probability, allow_negative_numbers = true)]
     pub level: f64,
     /// Of contours: write the graphs of each view's constraints and the composite graph, .json or .dot (repeatable)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]

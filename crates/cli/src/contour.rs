@@ -33,7 +33,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let mut shapes = Vec::new();
     for choice in &args.kind {
         match choice {
-            KindChoice::Auto => {}
+            KindChoice::Auto | KindChoice::Chain => {}
             KindChoice::Of(kind) => kinds.push(kind.clone()),
             KindChoice::InSpace(shape) => shapes.push(*shape),
         }
@@ -47,6 +47,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let job = ContourJob {
         input: args.readings.clone(),
         kinds: if all { Vec::new() } else { kinds },
+        chains: !all && args.kind.contains(&KindChoice::Chain),
         shapes,
         fit: FitOptions {
             method: match args.filter {

@@ -34,8 +34,8 @@ pub struct ContourArgs {
     /// File to write; may be repeated: .json, .dxf, .svg
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N corners; in space
-    /// plane3, sphere, cylinder, box; may be repeated: then the best of these
+    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs, closed or open), regular-polygon-N or
+    /// polygon-N with N corners; in space plane3, sphere, cylinder, box; may be repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
     /// How: all readings at once (batch), or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
@@ -69,7 +69,7 @@ pub struct ContourArgs {
     #[arg(long, value_name = "CONSTRAINT", help_heading = "Constraints")]
     pub given: Vec<String>,
     /// The probability with which relations that are true are lost
-    #[arg(long, value_name = "PROBABILITY", default_value_t = 0.001, value_parser = probability, allow_negative_numbers = true,
+    #[arg(long, value_name = "PROBABILITY", default_value_t = planish::contour::DEFAULT_LEVEL, value_parser = probability, allow_negative_numbers = true,
           help_heading = "Constraints")]
     pub level: f64,
     /// Write the graphs of the constraints: .json or .dot (repeatable); implies --constrain
@@ -114,6 +114,8 @@ pub enum KindChoice {
     Auto,
     /// This one.
     Of(Kind),
+    /// A chain of lines and arcs, closed or open.
+    Chain,
     /// This one, in space.
     InSpace(Shape),
 }
@@ -213,12 +215,15 @@ fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "auto" {
         return Ok(KindChoice::Auto);
     }
+    if text == "chain" {
+        return Ok(KindChoice::Chain);
+    }
     if let Some(shape) = Shape::ALL.into_iter().find(|shape| shape.to_string() == text) {
         return Ok(KindChoice::InSpace(shape));
     }
     Kind::of_name(text, MOST_CORNERS).map(KindChoice::Of).ok_or_else(|| {
         format!(
-            "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-N with N from 3 to {MOST_CORNERS}; \
+            "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, regular-polygon-N or polygon-N with N from 3 to {MOST_CORNERS}; \
              or in space plane3, sphere, cylinder, box"
         )
     })

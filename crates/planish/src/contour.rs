@@ -26,8 +26,8 @@ use planish_exchange::contours::{
     ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
-pub use planish_solid::constraint::SnapOutcome;
-use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate};
+pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
+use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate, usual_gap};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 pub use planish_solid::primitive::Shape;
 use std::io::Write;
@@ -41,8 +41,10 @@ const LEAST_READINGS: usize = 8;
 pub struct ContourJob {
     /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
     pub input: PathBuf,
-    /// Kinds to try; empty for all, chains of lines and arcs included.
+    /// Kinds to try; empty for all, chains of lines and arcs included, unless `chains` asks for these alone.
     pub kinds: Vec<Kind>,
+    /// Whether chains of lines and arcs, closed or open, are tried beside the kinds that are named.
+    pub chains: bool,
     /// Shapes in space to try, for readings in space; none for contours.
     pub shapes: Vec<Shape>,
     /// How to fit.
@@ -169,9 +171,9 @@ fn parts_of(
             "{strays} readings lie apart from all others and were left out: raise --gap if they belong together"
         ));
     }
-    let (kinds, chains) = match job.kinds.is_empty() {
+    let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
         true => (auto_kinds(), true),
-        false => (job.kinds.clone(), false),
+        false => (job.kinds.clone(), job.chains),
     };
     let count = clusters.len();
     let mut parts = Vec::new();
@@ -189,26 +191,6 @@ fn parts_of(
     }
     parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
     Ok(parts)
-}
-
-/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent are
-/// exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
-fn usual_gap(sightings: &[Sighting]) -> f64 {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    let mut variance = 0.0;
-    for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-        let [xx, _, yy] = sighting.covariance();
-        variance += 0.5 * (xx + yy);
-    }
-    let n = sightings.len() as f64;
-    let extent = (high[0] - low[0]) + (high[1] - low[1]);
-    let spacing = 2.0 * extent / n;
-    (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
 
 /// Of a line, the ends of what was seen.

@@ -10,6 +10,7 @@ use planish::contour::{
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
 use planish_exchange::Unit;
+use planish_exchange::contours::read_contour_json;
 use planish_exchange::picture::write_grey_png;
 use planish_solid::contour::{Sighting, Target, points};
 use planish_solid::primitive::{Seen, Solid, SpaceSensor, rays};
@@ -20,6 +21,7 @@ fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
     ContourJob {
         input,
         kinds: kinds.to_vec(),
+        chains: false,
         shapes: Vec::new(),
         fit: FitOptions::default(),
         sigma: SigmaDefaults::default(),
@@ -289,4 +291,196 @@ fn a_room_of_a_carmen_log_has_walls() {
     assert_eq!(report.unit, Some(Unit::Metre));
     is_near(&report, 0, "width", 6.0);
     is_near(&report, 0, "height", 4.0);
+}
+
+#[test]
+fn an_open_outline_is_a_chain_with_its_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bracket.csv");
+    // A bracket, of which one side is seen.
+    let kind = Kind::Chain {
+        arcs: vec![false, false],
+        closed: false,
+    };
+    let theta = [0.0, 10.0, 50.0, 0.0, 60.0, 40.0];
+    let names = ["x0", "y0", "x1", "y1", "x2", "y2"];
+    let (runs, mut within) = (20, 0);
+    for seed in 0..runs {
+        write_points(&path, &[(0.0, points(&kind, &theta, 300, 0.2, seed).noisy)]);
+        let output = folder.path().join("bracket.json");
+        let job = ContourJob {
+            outputs: vec![output.clone()],
+            ..job(path.clone(), &[])
+        };
+        let report = contour_files(&job, &Silent).unwrap();
+        assert_eq!(report.main.kind, "chain", "seed {seed}: {:?}", report.main.alternatives);
+        assert_eq!(report.main.closed, Some(false));
+        for (name, truth) in names.iter().zip(theta) {
+            let (_, found) = report.main.parameters.iter().find(|(n, _)| n == name).unwrap();
+            within += usize::from((found.value - truth).abs() < 1.96 * found.sigma);
+        }
+        let read = read_contour_json(&output).unwrap();
+        assert_eq!(read.contours[0].kind, kind);
+    }
+    let share = within as f64 / (runs as f64 * theta.len() as f64);
+    println!("an open chain: coverage {share:.3}");
+    assert!(share > 0.88, "{share}");
+}
+
+#[test]
+fn the_section_of_several_levels_is_covered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("levels.csv");
+    let truth = [10.0, 5.0, 40.0, 25.0, 0.3];
+    let (runs, mut prisms, mut within, mut squares) = (60, 0, 0, 0.0);
+    for seed in 0..runs {
+        let level = |k: u64| points(&Kind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
+        write_points(&path, &[(0.0, level(0)), (10.0, level(1)), (20.0, level(2))]);
+        let levels = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent)
+            .unwrap()
+            .levels
+            .unwrap();
+        prisms += u32::from(levels.relation == Relation::Prism);
+        for ((_, value, sigma), truth) in levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()]) {
+            within += u32::from((value - truth).abs() < 1.96 * sigma);
+            squares += ((value - truth) / sigma).powi(2);
+        }
+    }
+    let count = 5.0 * runs as f64;
+    println!(
+        "levels: {prisms} of {runs} prisms, coverage {:.3}, rms {:.2} σ",
+        f64::from(within) / count,
+        (squares / count).sqrt()
+    );
+    assert!(
+        prisms >= 56 && f64::from(within) > 0.9 * count,
+        "{prisms} prisms, {within} of {count}"
+    );
+}
+
+#[test]
+fn corridors_of_a_measured_log_have_walls() {
+    let data = std::env::var_os("PLANISH_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
+        PathBuf::from,
+    );
+    let log = data.join("laser2d/intel-corrected.log.gz");
+    if !log.is_file() {
+        println!("skipped: the log is not at {}", log.display());
+        return;
+    }
+    let mut job = job(log, &[Kind::Line]);
+    job.chains = true;
+    job.carmen.range = [0.05, 8.0];
+    job.gap = Some(0.4);
+    let report = contour_files(&job, &Silent).unwrap();
+    assert_eq!(report.unit, Some(Unit::Metre));
+    assert!(!report.contours.is_empty() && report.main.readings >= 20);
+    for contour in &report.contours {
+        println!(
+            "{}: {} readings, {:.2}",
+            contour.kind, contour.readings, contour.reduced_chi_square
+        );
+        assert!(["line", "chain"].contains(&contour.kind.as_str()));
+        assert!(
+            contour
+                .parameters
+                .iter()
+                .all(|(_, p)| p.value.is_finite() && p.sigma > 0.0)
+        );
+    }
+}
+
+#[test]
+fn bad_readings_are_refused_with_file_line_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text, says) in [
+        ("empty.csv", "", "the file is empty"),
+        ("blank.csv", "\n\n", "holds no readings: needed a header"),
+        ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
+        (
+            "no_range.csv",
+            "x,y,heading_deg\n1,2,3\n",
+            "line 1: needed a header with",
+        ),
+        ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
+        ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
+        (
+            "short.csv",
+            "x,y,sigma\n1,2\n",
+            "line 2: needed 3 fields as in the header, found 2",
+        ),
+        (
+            "word.csv",
+            "x,y,sigma\n1,2,0.1\n1,two,0.1\n",
+            "line 3: needed a number in column `y`",
+        ),
+        (
+            "nan.csv",
+            "x,y,sigma\nnan,1,0.1\n",
+            "line 2: needed a number in column `x`",
+        ),
+        (
+            "infinite.csv",
+            "x,y,sigma,level\n1,1,0.1,inf\n",
+            "line 2: needed a number in column `level`",
+        ),
+        (
+            "zero_sigma.csv",
+            "x,y,sigma\n1,2,0\n",
+            "line 2: needed a positive σ in column `sigma`, found 0",
+        ),
+        (
+            "no_sigma.csv",
+            "x,y\n1,2\n",
+            "line 2: how uncertain readings are is not known",
+        ),
+        (
+            "behind.csv",
+            "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",
+            "line 2: needed a positive range, found -1",
+        ),
+        (
+            "no_sigma_range.csv",
+            "x,y,heading_deg,range\n0,0,0,1\n",
+            "needed a column `sigma_range` or --sigma-range",
+        ),
+        (
+            "two.csv",
+            "x,y,sigma\n1,2,0.1\n2,2,0.1\n",
+            "2 readings cannot determine the 3",
+        ),
+        (
+            "same.csv",
+            &("x,y,sigma\n".to_owned() + &"1,2,0.1\n".repeat(30)),
+            "do not determine a circle",
+        ),
+        (
+            "cut.log",
+            "# a log\nFLASER 180 1 2 3\n",
+            "line 2: needed `FLASER n` with n ranges and a pose, found 5 words",
+        ),
+        (
+            "word.log",
+            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
+            "line 2: word 4 is no number",
+        ),
+        (
+            "blind.log",
+            "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n",
+            "a log of 1 scans, of which none",
+        ),
+        ("picture.png", "no picture", "picture.png"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let output = folder.path().join("out.json");
+        let job = ContourJob {
+            outputs: vec![output.clone()],
+            ..job(path, &[Kind::Circle])
+        };
+        let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+        assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
+        assert!(!output.exists(), "{name}: an output was left behind");
+    }
 }

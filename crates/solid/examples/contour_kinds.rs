@@ -1,6 +1,8 @@
 //! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three noise levels.
 //!
-//! `cargo run --release -p planish-solid --example contour_kinds [runs]`
+//! `cargo run --release -p planish-solid --example contour_kinds [runs] [noise,noise,…] [a shape's name]`
+//!
+//! Run `k` of a line has the seed `k`, so that lines can be run one by one.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -8,27 +10,91 @@ use planish_solid::contour::{FitOptions, Kind, SensorOptions, auto_kinds, choose
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
+/// What is measured: its name, its kind and parameters, and the middle about which the sensor goes.
+struct Truth {
+    name: &'static str,
+    kind: Kind,
+    theta: Vec<f64>,
+    middle: [f64; 2],
+}
+
+fn truths() -> Vec<Truth> {
+    let all_around = |name, kind, theta: &[f64]| Truth {
+        name,
+        kind,
+        theta: theta.to_vec(),
+        middle: [0.0; 2],
+    };
+    let chain = |arcs: &[bool], closed| Kind::Chain {
+        arcs: arcs.to_vec(),
+        closed,
+    };
+    vec![
+        all_around("circle", Kind::Circle, &[0.0, 0.0, 1.0]),
+        all_around("ellipse", Kind::Ellipse, &[0.0, 0.0, 1.0, 0.6, 0.5]),
+        all_around("rectangle", Kind::Rectangle, &[0.0, 0.0, 1.6, 1.2, 0.5]),
+        all_around(
+            "rounded-rectangle",
+            Kind::RoundedRectangle,
+            &[0.0, 0.0, 1.8, 1.2, 0.5, 0.3],
+        ),
+        all_around("slot", Kind::Slot, &[0.0, 0.0, 2.0, 0.9, 0.5]),
+        all_around("regular-polygon-6", Kind::RegularPolygon(6), &[0.0, 0.0, 1.0, 0.3]),
+        all_around(
+            "polygon-4",
+            Kind::Polygon(4),
+            &[-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5],
+        ),
+        all_around("polygon-3", Kind::Polygon(3), &[-0.9, -0.6, 0.9, -0.7, -0.2, 0.9]),
+        all_around(
+            "polygon-6 (an L)",
+            Kind::Polygon(6),
+            &[-0.8, -0.8, 0.9, -0.8, 0.9, -0.1, 0.0, -0.1, 0.0, 0.8, -0.8, 0.8],
+        ),
+        all_around(
+            "chain (a D)",
+            chain(&[false, true], true),
+            &[-0.4, 0.8, -0.4, -0.8, 0.9],
+        ),
+        // From one side.
+        Truth {
+            name: "chain (an open L)",
+            kind: chain(&[false, false], false),
+            theta: vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7],
+            middle: [0.0, 1.0],
+        },
+        Truth {
+            name: "chain (a rounded step)",
+            kind: chain(&[false, true, false], false),
+            theta: vec![-1.0, -0.4, 0.0, -0.4, 0.5, 0.1, 0.5, 0.9, 0.414_213_562],
+            middle: [-1.0, 1.0],
+        },
+        Truth {
+            name: "line",
+            kind: chain(&[false], false),
+            theta: vec![-1.0, 0.1, 1.0, -0.1],
+            middle: [0.0, 1.0],
+        },
+    ]
+}
+
 fn main() {
-    let runs: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(20);
-    let shapes = [
-        (Kind::Circle, vec![0.0, 0.0, 1.0]),
-        (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5]),
-        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5]),
-        (Kind::RoundedRectangle, vec![0.0, 0.0, 1.8, 1.2, 0.5, 0.3]),
-        (Kind::Slot, vec![0.0, 0.0, 2.0, 0.9, 0.5]),
-        (Kind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3]),
-        (Kind::Polygon(4), vec![-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
-    ];
+    let argument = |k: usize| std::env::args().nth(k);
+    let runs: u64 = argument(1).and_then(|a| a.parse().ok()).unwrap_or(20);
+    let noises = argument(2).unwrap_or_else(|| "0.1,0.3,1".to_owned());
     println!("noise,truth,runs,found: count");
     let begun = std::time::Instant::now();
     let mut all = 0;
-    for noise in [0.1, 0.3, 1.0] {
-        for (kind, theta) in &shapes {
+    for noise in noises.split(',').filter_map(|n| n.parse::<f64>().ok()) {
+        for truth in truths() {
+            if argument(3).is_some_and(|name| name != truth.name) {
+                continue;
+            }
             let sensor = SensorOptions::around(1.0, noise);
             let names: Vec<String> = (0..runs)
                 .into_par_iter()
                 .map(|run| {
-                    let made = ranges(kind, theta, [0.0; 2], 200, &sensor, run);
+                    let made = ranges(&truth.kind, &truth.theta, truth.middle, 200, &sensor, run);
                     choose(&auto_kinds(), true, &made.noisy, &FitOptions::default())
                         .map_or_else(|_| "none".to_owned(), |choice| choice.fit.kind.to_string())
                 })
@@ -38,7 +104,7 @@ fn main() {
                 *counts.entry(name).or_default() += 1;
             }
             let said: Vec<String> = counts.iter().map(|(name, n)| format!("{name}: {n}")).collect();
-            println!("{noise},{kind},{runs},{}", said.join("; "));
+            println!("{noise},{},{runs},{}", truth.name, said.join("; "));
             all += runs;
         }
     }

@@ -67,7 +67,7 @@ pub use equations::{ConstraintEquations, Equation};
 pub use impose::{Imposed, chi_square_tail, impose};
 pub use minimal::{deletion_filter, quick_xplain};
 pub use place::Place;
-pub use propose::{ConstrainOptions, Constrained, Outcome, Proposal, constrain, constrain_among};
+pub use propose::{ConstrainOptions, Constrained, DEFAULT_LEVEL, Outcome, Proposal, constrain, constrain_among};
 pub use relation::{Axis, Constraint};
 pub use scheme::{Dimensioned, dimension_scheme, sigma};
 pub use snap::{Dimension, Snap, SnapOutcome, snap};

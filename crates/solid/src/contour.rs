@@ -10,7 +10,10 @@
 //! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
 //! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
+//! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
+//! | likelihood | how likely readings are whose places on an outline are not known |
+//! | plausible | whether corners are corners, and a fit is where the readings are |
 //! | choose | several kinds, and the one of the least BIC |
 //! | simulated | readings of contours that are known exactly |
 //! | parts | readings of several things told apart, holes |
@@ -20,9 +23,12 @@
 
 mod choose;
 mod curve;
+mod ends;
 mod fit;
 mod kind;
+mod likelihood;
 mod parts;
+mod plausible;
 mod recursive;
 mod sighting;
 mod simulated;
@@ -33,7 +39,7 @@ pub(crate) use curve::arc_circle;
 pub(crate) use fit::Judged;
 pub use fit::{ContourFit, FitOptions, Method, bound, fit};
 pub use kind::{Kind, Outline};
-pub use parts::{contains, separate};
+pub use parts::{contains, separate, usual_gap};
 pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub(crate) use start::circle as circle_of_points;

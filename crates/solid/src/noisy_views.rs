@@ -54,7 +54,7 @@ impl Default for MatchOptions {
     /// A level of 0.01, a chance of 0.2.
     fn default() -> Self {
         Self {
-            level: 0.01,
+            level: crate::constraint::DEFAULT_LEVEL,
             max_chance: 0.2,
         }
     }

@@ -33,9 +33,10 @@ impl Default for CarmenOptions {
 /// σ of a range where none is stated, in metres: what makers of these scanners state.
 const SIGMA_RANGE: f64 = 0.03;
 
-/// Reads the scans that the options ask for; beam `i` of `n` looks at `θ − 90° + i·180°/n`. Beams of a scan share a pose.
+/// Reads the scans that the options ask for, of which the first line may be one; beam `i` of `n` looks at `θ − 90° + i·180°/n`. Beams of a scan share a pose.
 pub(crate) fn read_carmen<R: Read>(
     source: &mut Source<R>,
+    first: &[u8],
     defaults: &SigmaDefaults,
     options: &CarmenOptions,
 ) -> Result<ContourReadings> {
@@ -45,9 +46,16 @@ pub(crate) fn read_carmen<R: Read>(
         ..ContourReadings::default()
     };
     let mut scans = 0;
+    let mut begun = Some((source.line_number(), first.to_vec()));
     loop {
-        let number = source.line_number() + 1;
-        let Some(line) = source.line()? else { break };
+        let (number, line) = match begun.take() {
+            Some(first) => first,
+            None => {
+                let number = source.line_number() + 1;
+                let Some(line) = source.line()? else { break };
+                (number, line.to_vec())
+            }
+        };
         if !line.starts_with(b"FLASER ") {
             continue;
         }

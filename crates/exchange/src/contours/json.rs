@@ -52,6 +52,8 @@ struct WrittenContour {
     covariance: Vec<Vec<f64>>,
     level: Option<f64>,
     hole_of: Option<usize>,
+    /// Of a chain; without it, it is closed.
+    closed: Option<bool>,
     ends: Option<[[f64; 2]; 2]>,
 }
 
@@ -119,7 +121,7 @@ fn parse(text: &str) -> Result<ContourFile> {
 }
 
 fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
-    let kind = kind_of(&contour.kind, &contour.order)?;
+    let kind = kind_of(&contour.kind, &contour.order, contour.closed.unwrap_or(true))?;
     let names = kind.names();
     let count = names.len();
     // A moving contour has its velocity behind the contour itself.
@@ -155,7 +157,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 }
 
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
-fn kind_of(name: &str, order: &[String]) -> Result<Kind> {
+fn kind_of(name: &str, order: &[String], closed: bool) -> Result<Kind> {
     if name == "chain" {
         let corners = order
             .iter()
@@ -163,9 +165,10 @@ fn kind_of(name: &str, order: &[String]) -> Result<Kind> {
             .count()
             .min(MOST_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
+        let pieces = corners.saturating_sub(usize::from(!closed));
         return Ok(Kind::Chain {
-            arcs: (0..corners).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
-            closed: true,
+            arcs: (0..pieces).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
+            closed,
         });
     }
     Kind::of_name(name, MOST_CORNERS).ok_or_else(|| {
@@ -192,6 +195,24 @@ mod tests {
             (0.04, Some(Unit::Millimetre))
         );
         assert!(file.constraints.is_none());
+    }
+
+    #[test]
+    fn an_open_chain_has_a_piece_less_than_corners() {
+        let names = ["x0", "y0", "x1", "y1", "x2", "y2", "bulge1"];
+        let order = names.map(|name| format!("\"{name}\"")).join(",");
+        let parameters = names.map(|name| format!("\"{name}\": {{ \"value\": 0.5 }}")).join(",");
+        let row = format!("[{}]", ["0.1"; 7].join(","));
+        let covariance = vec![row; 7].join(",");
+        let text = format!(
+            r#"{{ "kind": "chain", "closed": false, "order": [{order}], "parameters": {{ {parameters} }}, "covariance": [{covariance}] }}"#
+        );
+        let kind = parse(&text).unwrap().contours[0].kind.clone();
+        let arcs = vec![false, true];
+        assert_eq!(kind, Kind::Chain { arcs, closed: false });
+        // A closed chain has another piece, and the same names.
+        let closed = parse(&text.replace("\"closed\": false,", "")).unwrap();
+        assert_eq!(closed.contours[0].kind.pieces(), 3);
     }
 
     #[test]

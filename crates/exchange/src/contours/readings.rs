@@ -68,7 +68,8 @@ pub fn read_contour_readings(path: &Path, defaults: &SigmaDefaults, carmen: &Car
             };
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
-                return read_carmen(&mut source, defaults, carmen);
+                let first = line.to_vec();
+                return read_carmen(&mut source, &first, defaults, carmen);
             }
             if !line.is_empty() {
                 break line.to_vec();

@@ -6,7 +6,7 @@ use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
-use planish_solid::contour::{ContourFit, contains};
+use planish_solid::contour::{ContourFit, Kind, contains};
 use serde::Serialize;
 use serde::ser::SerializeMap;
 
@@ -40,7 +40,8 @@ pub struct PartReport {
     pub order: Vec<String>,
     /// Covariance of the parameters, in those units.
     pub covariance: Vec<Vec<f64>>,
-    /// `−½ Σ s²` over the readings, up to a constant that all kinds share.
+    /// Logarithm of the likelihood of the readings, each anywhere on the outline, up to a constant that all kinds share; where
+    /// readings share poses, and in space, `−½ Σ s²`.
     pub log_likelihood: f64,
     /// By how much the BIC of the next kind is larger.
     pub bic_margin: Option<f64>,
@@ -56,6 +57,9 @@ pub struct PartReport {
     pub level: Option<f64>,
     /// The part, by its place in `contours`, in which this one lies: this is a hole of it.
     pub hole_of: Option<usize>,
+    /// Of a chain, whether it is closed; an open one ends at its first and its last vertex, as far as was seen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closed: Option<bool>,
     /// Of a line, the ends of what was seen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ends: Option<[[f64; 2]; 2]>,
@@ -202,6 +206,10 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
         reduced_chi_square: fit.reduced_chi_square(),
         level: part.level,
         hole_of: hole_of(parts, index),
+        closed: match fit.kind {
+            Kind::Chain { closed, .. } => Some(closed),
+            _ => None,
+        },
         ends: seen[index],
     }
 }

@@ -59,6 +59,7 @@ pub(super) fn shape_files(job: &ContourJob, progress: &dyn Progress) -> Result<C
         reduced_chi_square: fit.reduced_chi_square(),
         level: None,
         hole_of: None,
+        closed: None,
         ends: None,
     };
     let report = ContourReport {

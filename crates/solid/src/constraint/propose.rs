@@ -15,6 +15,9 @@ use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
+/// The probability with which relations that are true are lost, where none is asked for.
+pub const DEFAULT_LEVEL: f64 = 0.001;
+
 /// How to propose relations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstrainOptions {
@@ -31,10 +34,10 @@ pub struct ConstrainOptions {
 }
 
 impl Default for ConstrainOptions {
-    /// A level of 0.01, a chance of 0.05, exact, nothing given.
+    /// A level of [`DEFAULT_LEVEL`], a chance of 0.05, exact, nothing given.
     fn default() -> Self {
         Self {
-            level: 0.01,
+            level: DEFAULT_LEVEL,
             max_chance: 0.05,
             sigma: 0.0,
             given: Vec::new(),

@@ -1,9 +1,9 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, fit, rough};
+use super::fit::{ContourFit, FitOptions, RoughFit, finish, fit, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
-use super::start::chain_start;
+use super::start::chain_starts;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -11,7 +11,10 @@ use rayon::prelude::*;
 const MOST_SIDES: usize = 8;
 
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
-const WORTH_FINISHING: f64 = 60.0;
+const WORTH_FINISHING: f64 = 30.0;
+
+/// A kind with a side of which less than this was seen is not chosen where another has none.
+const LEAST_SEEN: f64 = 0.4;
 
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,11 +52,12 @@ pub fn auto_kinds() -> Vec<Kind> {
     kinds
 }
 
-/// Fits kinds, and a chain of lines and arcs where `chains` asks for one, and chooses by the Bayesian information
+/// Fits kinds, and chains of lines and arcs where `chains` asks for them, and chooses by the Bayesian information
 /// criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the gate.
 ///
-/// All kinds are fitted roughly first, and those whose criterion is then less than 60 from the best are fitted to the end. Of
-/// the others [`Alternative::bic`] is the rough one.
+/// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are fitted to the end. Of
+/// the others [`Alternative::bic`] is the rough one. What has a side that was hardly seen explains readings with less than it
+/// says, as a triangle does an open angle: it is left out where another kind has no such side.
 ///
 /// # Errors
 /// `Undetermined` when none could be fitted.
@@ -62,13 +66,18 @@ pub fn auto_kinds() -> Vec<Kind> {
 /// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins mean).
 pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &FitOptions) -> Result<Choice> {
     let mut tried: Vec<(Kind, FitOptions)> = kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
-    if let Some((kind, mut start)) = chains.then(|| chain_start(sightings)).flatten() {
+    for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = FitOptions {
             start: Some(start),
             ..options.clone()
         };
         tried.push((kind, options));
+    }
+    if tried.is_empty() {
+        return Err(Error::undetermined(
+            "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
+        ));
     }
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, sightings, options)?;
@@ -88,28 +97,35 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let limit = order.first().map_or(0.0, |o| o.1.bic) + WORTH_FINISHING;
-    let near = order.partition_point(|o| o.1.bic <= limit);
-    // Near ones all; then one by one, where none of those came to an end.
-    let finish = |(kind, rough): &(&Kind, RoughFit)| {
+    let finish_one = |(kind, rough): &(&Kind, RoughFit)| {
         let options = FitOptions {
             start: Some(rough.state.clone()),
             ..options.clone()
         };
-        fit(kind, sightings, &options)
+        finish(kind, sightings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
-    let finished: Vec<Result<ContourFit>> = order[..near].par_iter().map(finish).collect();
-    let mut rest = order[near..].iter();
-    let mut next = finished.into_iter();
-    while let Some(one) = next.next().or_else(|| {
-        let more = found.is_empty();
-        rest.next().filter(|_| more).map(finish)
-    }) {
-        match one {
-            Ok(one) => found.push(one),
-            Err(e) => last = Some(e),
+    let mut done = 0;
+    // Those near the best, as far as is known: a rough fit may promise more than is kept, or come to nothing.
+    while done < order.len() {
+        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + WORTH_FINISHING;
+        let near = order.partition_point(|o| o.1.bic <= limit);
+        if near <= done {
+            break;
         }
+        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
+        done = near;
+        for one in finished {
+            match one {
+                Ok(one) => found.push(one),
+                Err(e) => last = Some(e),
+            }
+        }
+    }
+    let rest = &order[done..];
+    if found.iter().any(|one| one.least_seen >= LEAST_SEEN) {
+        found.retain(|one| one.least_seen >= LEAST_SEEN);
     }
     found.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
     let mut found = found.into_iter();
@@ -122,7 +138,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
             kind: one.kind,
         })
         .collect();
-    alternatives.extend(rest.map(|(kind, rough)| Alternative {
+    alternatives.extend(rest.iter().map(|(kind, rough)| Alternative {
         bic: rough.bic.max(best.bic()),
         kind: (*kind).clone(),
     }));

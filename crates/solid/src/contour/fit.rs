@@ -1,6 +1,9 @@
 //! One kind of contour fitted to readings.
 
+use super::ends::ends;
 use super::kind::Kind;
+use super::likelihood::placed;
+use super::plausible::{corners_are_real, stays_near};
 use super::recursive::{recursive, seed_of};
 use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
 use super::start::{MOST_PIECES, mean, starts};
@@ -11,8 +14,12 @@ use planish_estimate::{Error, Loss, Result, Termination};
 /// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
 const READINGS_A_SIDE: usize = 25;
 
-/// What a reading may cost a rough fit where there is no gate, in standard deviations.
+/// What a reading may cost a likelihood where there is no gate, in standard deviations.
 const ROUGH_GATE: f64 = 10.0;
+
+/// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an outline that is not
+/// yet in place must not lose half of its readings.
+pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,8 +81,12 @@ pub struct ContourFit {
     pub distances: Vec<f64>,
     /// Whether each reading counted.
     pub used: Vec<bool>,
-    /// `−½ Σ s²` over the readings that counted, less what a gate costs for each that did not; up to a constant.
+    /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all kinds share; where
+    /// readings share poses `−½ Σ s²` over those that counted, less what a gate costs for each that did not.
     pub log_likelihood: f64,
+    /// The least share of a straight side that a reading came near; 1 where there is none, or where sides follow from one
+    /// another as those of a regular polygon do.
+    pub least_seen: f64,
     /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
     pub squares: f64,
     /// How it ended.
@@ -118,17 +129,30 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
 pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)
+}
+
+/// As [`fit`], from a start that a rough fit has brought near.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn finish(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
+}
+
+fn fit_within(kind: &Kind, sightings: &[Sighting], options: &FitOptions, thresholds: &[f64]) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let setting = setting(kind, sightings, options)?;
     let mut best: Option<ContourFit> = None;
     for start in candidates(&setting, sightings, options)? {
-        let Ok(found) = fit_from(&setting, sightings, &start, options) else {
+        let setting = with_ends(&setting, sightings, &start);
+        let Ok(found) = fit_from(&setting, sightings, &start, options, thresholds) else {
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
             && corners_are_real(&found)
-            && stays_near(&found, &points)
+            && stays_near(kind, found.state.as_slice(), found.pivot, &points)
             && best.as_ref().is_none_or(|b| found.log_likelihood > b.log_likelihood)
         {
             best = Some(found);
@@ -157,10 +181,12 @@ pub(crate) struct RoughFit {
 pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
     let sightings = &own_poses(sightings)[..];
     let setting = setting(kind, sightings, options)?;
-    let (readings, groups) = equations(&setting, sightings);
-    let charge = gate_cost(options.gate.or(Some(ROUGH_GATE)));
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&setting, sightings, options)? {
+        let setting = with_ends(&setting, sightings, &start);
+        let (readings, groups) = equations(&setting, sightings);
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
             correct_bias: false,
@@ -170,7 +196,7 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
         };
         let mut state = DVector::from_vec(start);
         let mut cost = f64::INFINITY;
-        for threshold in [20.0, 6.0] {
+        for threshold in ROBUST_THRESHOLDS {
             let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold)) else {
                 break;
             };
@@ -179,8 +205,17 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let bic = criterion(kind, state.len(), sightings.len(), -cost);
-        if bic.is_finite() && best.as_ref().is_none_or(|b| bic < b.bic) {
+        let placed = placed(&setting, state.as_slice(), sightings, outlier_gate(options));
+        let bic = criterion(
+            kind,
+            state.len(),
+            sightings.len(),
+            placed.log_likelihood.unwrap_or(-cost),
+        );
+        if bic.is_finite()
+            && stays_near(kind, state.as_slice(), setting.pivot, &points)
+            && best.as_ref().is_none_or(|b| bic < b.bic)
+        {
             let state = state.as_slice().to_vec();
             best = Some(RoughFit { state, bic });
         }
@@ -202,6 +237,7 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
             times.fold(f64::INFINITY, f64::min)
         },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
+        ends: Vec::new(),
     };
     if sightings.len() < setting.unknowns() {
         return Err(Error::undetermined(format!(
@@ -211,6 +247,17 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
         )));
     }
     Ok(setting)
+}
+
+/// With the ends of an open chain that is about where it starts.
+fn with_ends(setting: &Setting, sightings: &[Sighting], start: &[f64]) -> Setting {
+    let mut setting = setting.clone();
+    if let Kind::Chain { closed: false, .. } = setting.kind {
+        let at_rest = |sighting: &Sighting| ContourReading::of(&setting, sighting).seen_at_rest(start);
+        let points: Vec<_> = sightings.iter().map(at_rest).collect();
+        setting.ends = ends(&setting.kind, &start[..setting.kind.parameters()], &points);
+    }
+    setting
 }
 
 /// Where to start: where it was said, or what the readings suggest.
@@ -238,46 +285,10 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
         pivot: [0.0; 2],
         time_s: 0.0,
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
+        ends: Vec::new(),
     };
     let (readings, groups) = equations(&setting, exact);
     kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
-}
-
-/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no spike. More corners
-/// than the readings tell apart would otherwise explain noise.
-fn corners_are_real(found: &ContourFit) -> bool {
-    let (count, closed) = match &found.kind {
-        Kind::Polygon(count) => (*count, true),
-        Kind::Chain { arcs, closed } => (arcs.len() + usize::from(!closed), *closed),
-        _ => return true,
-    };
-    let theta = found.state.as_slice();
-    let vertex = |i: usize| [theta[2 * (i % count)], theta[2 * (i % count) + 1]];
-    let variance = |i: usize| {
-        let k = 2 * (i % count);
-        0.5 * (found.covariance[(k, k)] + found.covariance[(k + 1, k + 1)])
-    };
-    let sides = if closed { count } else { count - 1 };
-    let is_polygon = matches!(found.kind, Kind::Polygon(_));
-    (0..sides).all(|i| {
-        let (a, b, c) = (vertex(i), vertex(i + 1), vertex(i + 2));
-        let (d, e) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
-        let (length, next) = (d[0].hypot(d[1]), e[0].hypot(e[1]));
-        let long = length * length > 9.0 * (variance(i) + variance(i + 1));
-        // Turning back by more than 150°.
-        let spike = is_polygon && d[0] * e[0] + d[1] * e[1] < -0.866 * length * next;
-        long && !spike
-    })
-}
-
-/// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
-fn stays_near(found: &ContourFit, points: &[[f64; 2]]) -> bool {
-    let from = |p: [f64; 2]| (p[0] - found.pivot[0]).hypot(p[1] - found.pivot[1]);
-    let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
-    let theta = &found.state.as_slice()[..found.kind.parameters()];
-    let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
-    matches!(found.kind, Kind::Circle | Kind::Ellipse)
-        || found.kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
 }
 
 /// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
@@ -343,10 +354,18 @@ pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> 
         let next = numbers.len();
         groups.push(*numbers.entry(key).or_insert(next));
     }
-    let readings = sightings
-        .iter()
-        .map(|sighting| ContourReading { setting, sighting })
+    let mut readings: Vec<ContourReading<'_>> = (sightings.iter())
+        .map(|sighting| ContourReading::of(setting, sighting))
         .collect();
+    if let Some(sighting) = sightings.first() {
+        for &end in &setting.ends {
+            groups.push(numbers.len() + readings.len() - sightings.len());
+            readings.push(ContourReading {
+                end: Some(end),
+                ..ContourReading::of(setting, sighting)
+            });
+        }
+    }
     (readings, groups)
 }
 
@@ -358,6 +377,11 @@ pub(super) fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<Share
 pub(super) fn corner_margin(setting: &Setting, readings: usize, options: &FitOptions) -> Option<f64> {
     let enough = readings >= READINGS_A_SIDE * setting.kind.pieces();
     options.corner_margin.filter(|_| enough)
+}
+
+/// Beyond how many standard deviations a reading is as unlikely as any.
+pub(super) fn outlier_gate(options: &FitOptions) -> f64 {
+    options.gate.unwrap_or(ROUGH_GATE)
 }
 
 /// What a reading outside the gate costs: as much as one on it.
@@ -391,9 +415,15 @@ impl Judged {
     }
 }
 
-fn fit_from(setting: &Setting, sightings: &[Sighting], start: &[f64], options: &FitOptions) -> Result<ContourFit> {
+fn fit_from(
+    setting: &Setting,
+    sightings: &[Sighting],
+    start: &[f64],
+    options: &FitOptions,
+    thresholds: &[f64],
+) -> Result<ContourFit> {
     match options.method {
-        Method::Batch => batch(setting, sightings, start, options),
+        Method::Batch => batch(setting, sightings, start, options, thresholds),
         _ => recursive(setting, sightings, start, options),
     }
 }
@@ -403,6 +433,7 @@ pub(super) fn batch(
     sightings: &[Sighting],
     start: &[f64],
     options: &FitOptions,
+    thresholds: &[f64],
 ) -> Result<ContourFit> {
     let (all, groups) = equations(setting, sightings);
     let plain = ImplicitOptions {
@@ -412,8 +443,7 @@ pub(super) fn batch(
     let mut at = DVector::from_column_slice(start);
     let mut used = vec![true; sightings.len()];
     if let Some(gate) = options.gate {
-        // Wide at first: an outline that is not yet in place must not lose half of its readings.
-        for threshold in [20.0, 6.0] {
+        for &threshold in thresholds {
             let robust = ImplicitOptions {
                 loss: Loss::Tukey { threshold },
                 correct_bias: false,
@@ -463,6 +493,7 @@ pub(super) fn batch(
         }
     }
     let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let placed = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state: found.state,
@@ -470,7 +501,8 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        log_likelihood: -found.loss - left_out * gate_cost(options.gate),
+        least_seen: placed.least_seen,
+        log_likelihood: (placed.log_likelihood).unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: setting.pivot,
         time_s: setting.time_s,

@@ -47,6 +47,27 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
     groups
 }
 
+/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent are
+/// exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
+#[must_use]
+pub fn usual_gap(sightings: &[Sighting]) -> f64 {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut variance = 0.0;
+    for sighting in sightings {
+        let p = sighting.point();
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+        let [xx, _, yy] = sighting.covariance();
+        variance += 0.5 * (xx + yy);
+    }
+    let n = sightings.len() as f64;
+    let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    let spacing = 2.0 * extent / n;
+    (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
+}
+
 /// Whether a point lies inside a closed outline, whose arcs count as their chords.
 #[must_use]
 pub fn contains(outline: &Outline, p: [f64; 2]) -> bool {

@@ -1,6 +1,9 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
-use super::fit::{ContourFit, FitOptions, Judged, Method, batch, corner_margin, equations, shared};
+use super::fit::{
+    ContourFit, FitOptions, Judged, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations, outlier_gate, shared,
+};
+use super::likelihood::placed;
 use super::sighting::{ContourReading, Setting, Sighting};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
@@ -42,7 +45,7 @@ pub(super) fn recursive(
     options: &FitOptions,
 ) -> Result<ContourFit> {
     let (seed, rest) = seed_of(sightings, setting);
-    let first = batch(setting, &seed, start, options)?;
+    let first = batch(setting, &seed, start, options, &ROBUST_THRESHOLDS)?;
     let mut filter = KalmanFilter::new(first.state, first.covariance)?;
     let mut update = match options.method {
         Method::Extended => ImplicitUpdate::extended(),
@@ -59,7 +62,7 @@ pub(super) fn recursive(
             change_pose(&mut filter, n)?;
             pose = sighting.pose;
         }
-        let reading = ContourReading { setting, sighting };
+        let reading = ContourReading::of(setting, sighting);
         // An equation without a value at the prediction says nothing: the reading is left out.
         let _ = filter.update_implicit(&reading, &update);
     }
@@ -72,12 +75,15 @@ pub(super) fn recursive(
         correct_bias: false,
         ..ImplicitOptions::default()
     };
-    let seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
+    let mut seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
+    // Behind them are those of the ends.
+    seen.distances.truncate(sightings.len());
     let Judged {
         used,
         squares,
-        log_likelihood,
+        log_likelihood: by_distance,
     } = Judged::of(&seen.distances, options.gate);
+    let placed = placed(setting, state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state,
@@ -85,7 +91,8 @@ pub(super) fn recursive(
         distances: seen.distances,
         used,
         squares,
-        log_likelihood,
+        least_seen: placed.least_seen,
+        log_likelihood: placed.log_likelihood.unwrap_or(by_distance),
         termination: Termination::Converged,
         pivot: setting.pivot,
         time_s: setting.time_s,

@@ -1,6 +1,7 @@
 //! A reading of a contour as an implicit equation.
 
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
+use super::ends::End;
 use super::kind::Kind;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 
@@ -127,6 +128,8 @@ pub(crate) struct Setting {
     pub(crate) time_s: f64,
     /// Whether ranges have the error of their pose behind the state, and not in their own noise.
     pub(crate) shared_poses: bool,
+    /// Where an open outline ends.
+    pub(crate) ends: Vec<End>,
 }
 
 impl Setting {
@@ -135,10 +138,11 @@ impl Setting {
     }
 }
 
-/// A sighting against a contour.
+/// A sighting against a contour, or in its place an end of an open one.
 pub(crate) struct ContourReading<'a> {
     pub(crate) setting: &'a Setting,
     pub(crate) sighting: &'a Sighting,
+    pub(crate) end: Option<End>,
 }
 
 /// A point with its derivatives by noise, and by shared pose errors.
@@ -150,7 +154,13 @@ struct Place {
     by_heading: [[f64; 2]; 2],
 }
 
-impl ContourReading<'_> {
+impl<'a> ContourReading<'a> {
+    /// That of a sighting.
+    pub(crate) fn of(setting: &'a Setting, sighting: &'a Sighting) -> Self {
+        let end = None;
+        Self { setting, sighting, end }
+    }
+
     fn place(&self, x: &[f64], u: &[f64]) -> Place {
         let mut place = Place {
             point: [0.0; 2],
@@ -228,6 +238,19 @@ impl ContourReading<'_> {
         )
     }
 
+    /// The point as measured and its covariance `[xx, xy, yy]`, carried back to where the thing was at time zero.
+    pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
+        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
+        let [xx, xy, yy] = self.sighting.covariance();
+        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
+        let turned = [
+            square * xx - 2.0 * both * xy + product * yy,
+            both * (xx - yy) + (square - product) * xy,
+            product * xx + 2.0 * both * xy + square * yy,
+        ];
+        (p, turned)
+    }
+
     /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
         let [xx, xy, yy] = self.sighting.covariance();
@@ -276,6 +299,9 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn noise(&self) -> usize {
+        if self.end.is_some() {
+            return 1;
+        }
         match self.sighting.target {
             Target::Point { .. } => 2,
             Target::Range { .. } if self.setting.shared_poses => 1,
@@ -284,6 +310,9 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn branches(&self) -> usize {
+        if self.end.is_some() {
+            return 1;
+        }
         match self.setting.form {
             Form::ActiveFacet => self.setting.kind.pieces(),
             Form::Product => 1,
@@ -292,9 +321,15 @@ impl ImplicitReading for ContourReading<'_> {
 
     fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
         let k = self.setting.kind.parameters();
+        by_state.fill(0.0);
+        if let Some(end) = self.end {
+            let vertex = self.setting.kind.vertex(&x[..k], end.vertex);
+            (self.setting.kind).add_vertex_derivative(&x[..k], end.vertex, end.along, &mut by_state[..k]);
+            by_noise[0] = end.sigma;
+            return end.along[0] * vertex[0] + end.along[1] * vertex[1] - end.position + end.sigma * u[0];
+        }
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
-        by_state.fill(0.0);
         let (value, by_body) = self.contour(branch, &x[..k], p, &mut by_state[..k]);
         // From the body's frame at time zero to the world.
         let by_point = [cos * by_body[0] + sin * by_body[1], cos * by_body[1] - sin * by_body[0]];
@@ -320,6 +355,10 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
+        if self.end.is_some() {
+            hessian[0][0] = 0.0;
+            return true;
+        }
         if self.setting.form == Form::Product && self.setting.kind.pieces() > 1 {
             return false;
         }
@@ -358,6 +397,9 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        if self.end.is_some() {
+            return 0.0;
+        }
         let k = self.setting.kind.parameters();
         let (p, [cos, sin], _) = self.carried_back(x, self.place(x, u).point);
         let length = beyond(&self.setting.kind, &x[..k], branch, p);
@@ -369,25 +411,20 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
+        if self.end.is_some() {
+            return Some(0);
+        }
         if self.setting.shared_poses {
             // A reading's own noise is along its ray only.
             return None;
         }
         let k = self.setting.kind.parameters();
-        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
-        let [xx, xy, yy] = self.sighting.covariance();
-        // In the frame of the body.
-        let (square, both, product) = (cos * cos, sin * cos, sin * sin);
-        let turned = [
-            square * xx - 2.0 * both * xy + product * yy,
-            both * (xx - yy) + (square - product) * xy,
-            product * xx + 2.0 * both * xy + square * yy,
-        ];
-        nearest_piece(&self.setting.kind, &x[..k], p, turned)
+        let (p, covariance) = self.seen_at_rest(x);
+        nearest_piece(&self.setting.kind, &x[..k], p, covariance)
     }
 
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::Product {
+        if self.setting.form == Form::Product || self.end.is_some() {
             return f64::INFINITY;
         }
         let k = self.setting.kind.parameters();
@@ -400,7 +437,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 {
+        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 || self.end.is_some() {
             return 0.0;
         }
         // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.

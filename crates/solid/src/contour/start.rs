@@ -2,13 +2,15 @@
 
 mod hull;
 mod segments;
+mod sequence;
 
 use super::kind::Kind;
 use super::sighting::Sighting;
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::Result;
 pub(crate) use segments::MOST_PIECES;
-use segments::{Sequence, chain, polygon};
+use segments::{chains, polygon};
+use sequence::Sequence;
 
 /// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
 ///
@@ -58,10 +60,12 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
     })
 }
 
-/// The chain of lines and arcs that explains the readings with the fewest pieces: its kind and its parameters.
+/// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and parameters.
 #[must_use]
-pub(crate) fn chain_start(sightings: &[Sighting]) -> Option<(Kind, Vec<f64>)> {
-    chain(&Sequence::closed(sightings))
+pub(crate) fn chain_starts(sightings: &[Sighting]) -> Vec<(Kind, Vec<f64>)> {
+    let mut found = chains(&Sequence::closed(sightings));
+    found.extend(Sequence::open(sightings).iter().flat_map(chains));
+    found
 }
 
 pub(crate) fn mean(points: &[[f64; 2]]) -> [f64; 2] {

@@ -60,11 +60,9 @@ fn derivatives_are_those_of_differences() {
                 pivot: [0.2, 0.1],
                 time_s: 0.0,
                 shared_poses,
+                ends: Vec::new(),
             };
-            let reading = ContourReading {
-                setting: &setting,
-                sighting: &sighting,
-            };
+            let reading = ContourReading::of(&setting, &sighting);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
             if shared_poses {
                 x.extend([0.5, -0.3, 0.2]);
@@ -298,4 +296,60 @@ fn triangles_with_sharp_corners_are_found() {
         };
         assert!(theta.chunks(2).all(|p| near(p) < 3.0), "seed {seed}: {theta:?}");
     }
+}
+
+#[test]
+fn open_outlines_and_outlines_with_arcs_are_chains() {
+    let chain = |arcs: &[bool], closed| Kind::Chain {
+        arcs: arcs.to_vec(),
+        closed,
+    };
+    for (kind, theta, middle) in [
+        // An open angle, a rounded step, each from one side; a D from all around.
+        (
+            chain(&[false, false], false),
+            vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7],
+            [0.0, 1.0],
+        ),
+        (
+            chain(&[false, true, false], false),
+            vec![-1.0, -0.4, 0.0, -0.4, 0.5, 0.1, 0.5, 0.9, 0.414],
+            [-1.0, 1.0],
+        ),
+        (
+            chain(&[false, true], true),
+            vec![-0.4, 0.8, -0.4, -0.8, 0.9],
+            [0.0, 0.0],
+        ),
+    ] {
+        let mut found = 0;
+        for seed in 0..6 {
+            let made = ranges(&kind, &theta, middle, 200, &SENSOR, seed);
+            let choice = choose(&auto_kinds(), true, &made.noisy, &FitOptions::default()).expect("a choice");
+            // A closed chain may begin at any of its vertices.
+            let of_kind = |fit: &ContourFit| match (&fit.kind, &kind) {
+                (Kind::Chain { arcs: a, closed: c }, Kind::Chain { arcs: b, closed: d }) => {
+                    c == d && a.len() == b.len() && a.iter().filter(|x| **x).count() == b.iter().filter(|x| **x).count()
+                }
+                _ => false,
+            };
+            found += usize::from(of_kind(&choice.fit));
+        }
+        assert!(found >= 4, "{kind:?}: {found} of 6");
+    }
+}
+
+#[test]
+fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
+    // By their distances to the nearest side alone half of these were taken for rectangles.
+    let sensor = SensorOptions::around(1.0, 1.0);
+    let theta = [0.0, 0.0, 1.8, 1.2, 0.5, 0.3];
+    let kinds = [Kind::Rectangle, Kind::RoundedRectangle, Kind::Slot, Kind::Ellipse];
+    let rounded = (0..10).filter(|&seed| {
+        let made = ranges(&Kind::RoundedRectangle, &theta, [0.0; 2], 200, &sensor, seed);
+        let choice = choose(&kinds, false, &made.noisy, &FitOptions::default()).expect("a choice");
+        choice.fit.kind == Kind::RoundedRectangle
+    });
+    let count = rounded.count();
+    assert!(count >= 9, "{count} of 10");
 }

@@ -8,6 +8,8 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
 
+/// Readings a side from which a filter of several sides starts.
+const SEED_A_SIDE: usize = 24;
 /// Spacing of the differences that carry a covariance to reported parameters, in σ.
 const SPACING: f64 = 1e-3;
 
@@ -145,7 +147,11 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
             found.termination,
         )
     } else {
-        let wanted = (4 * shape.unknowns()).max(12).min(kept.len());
+        // Readings enough on every side: a filter decides once which side a reading is of, and does not find back from an edge
+        // that was taken to be elsewhere.
+        let wanted = ((4 * shape.unknowns()).max(12))
+            .max(SEED_A_SIDE * shape.pieces().saturating_sub(1))
+            .min(kept.len());
         let stride = (kept.len() / wanted).max(1);
         let (seed, rest): (Vec<_>, Vec<_>) = kept.into_iter().enumerate().partition(|(i, _)| i % stride == 0);
         let seed: Vec<ShapeReading<'_>> = seed.into_iter().map(|(_, reading)| reading).collect();

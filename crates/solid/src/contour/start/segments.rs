@@ -1,198 +1,27 @@
 //! Points in order cut into lines and arcs, optimally, by dynamic programming.
 //!
-//! In place of split-and-merge, whose result depends on where it splits first.
+//! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the likelihood says so,
+//! among the best segmentations into each number of pieces.
 
 use super::super::kind::Kind;
-use super::super::sighting::Sighting;
-use super::{circle, mean};
+use super::mean;
+use super::sequence::{Sequence, Sums};
 
-/// Points are put into at most so many bins: the table of costs has the square of it.
-const MOST_BINS: usize = 120;
 /// Most pieces of a chain.
 pub(crate) const MOST_PIECES: usize = 14;
+/// Segmentations of a closed sequence begin at so many places.
+const MOST_STARTS: usize = 10;
+/// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of uneven σ ask for more
+/// pieces than the likelihood does.
+const FEW_PIECES: usize = 4;
 
-/// Sums over points: number, coordinates, their products to fourth order about the sequence's middle, and covariances.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sums([f64; 13]);
-
-impl Sums {
-    fn add(&mut self, p: [f64; 2], covariance: [f64; 3]) {
-        let [x, y] = p;
-        let z = x * x + y * y;
-        let [xx, xy, yy] = covariance;
-        let values = [1.0, x, y, x * x, x * y, y * y, x * z, y * z, z * z, z, xx, xy, yy];
-        for (sum, value) in self.0.iter_mut().zip(values) {
-            *sum += value;
-        }
-    }
-
-    fn minus(&self, other: &Self) -> Self {
-        let mut rest = *self;
-        for (sum, value) in rest.0.iter_mut().zip(other.0) {
-            *sum -= value;
-        }
-        rest
-    }
-
-    fn plus(&self, other: &Self) -> Self {
-        let mut both = *self;
-        for (sum, value) in both.0.iter_mut().zip(other.0) {
-            *sum += value;
-        }
-        both
-    }
-
-    fn count(&self) -> f64 {
-        self.0[0]
-    }
-
-    fn variance_along(&self, n: [f64; 2]) -> f64 {
-        let [xx, xy, yy] = [self.0[10], self.0[11], self.0[12]].map(|c| c / self.count());
-        (n[0] * n[0] * xx + 2.0 * n[0] * n[1] * xy + n[1] * n[1] * yy).max(f64::MIN_POSITIVE)
-    }
-
-    /// The line of least squares `(normal, offset)` and its squared residuals over their variance.
-    fn line(&self) -> ([f64; 2], f64, f64) {
-        let m = self.count();
-        let c = [self.0[1] / m, self.0[2] / m];
-        let (xx, xy, yy) = (
-            self.0[3] - m * c[0] * c[0],
-            self.0[4] - m * c[0] * c[1],
-            self.0[5] - m * c[1] * c[1],
-        );
-        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-        let normal = [-angle.sin(), angle.cos()];
-        let left = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        let offset = normal[0] * c[0] + normal[1] * c[1];
-        (normal, offset, left.max(0.0) / self.variance_along(normal))
-    }
-
-    /// Squared residuals of Kåsa's circle over their variance, in units of a point of its middle.
-    fn arc(&self) -> f64 {
-        let m = self.count();
-        if m < 5.0 {
-            return f64::INFINITY;
-        }
-        let c = [self.0[1] / m, self.0[2] / m];
-        let z = self.0[9] / m;
-        let xx = self.0[3] / m - c[0] * c[0];
-        let xy = self.0[4] / m - c[0] * c[1];
-        let yy = self.0[5] / m - c[1] * c[1];
-        let xz = self.0[6] / m - c[0] * z;
-        let yz = self.0[7] / m - c[1] * z;
-        let zz = self.0[8] / m - z * z;
-        let determinant = xx * yy - xy * xy;
-        if determinant <= 1e-12 * (xx + yy) * (xx + yy) {
-            return f64::INFINITY;
-        }
-        let b = [(xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant];
-        let left = (zz - b[0] * xz - b[1] * yz).max(0.0) * m;
-        let center = [0.5 * b[0], 0.5 * b[1]];
-        let squared = z - b[0] * c[0] - b[1] * c[1] + center[0] * center[0] + center[1] * center[1];
-        if squared <= 0.0 {
-            return f64::INFINITY;
-        }
-        let towards = [c[0] - center[0], c[1] - center[1]];
-        let length = towards[0].hypot(towards[1]);
-        if length <= 0.0 {
-            return f64::INFINITY;
-        }
-        left / (4.0 * squared * self.variance_along([towards[0] / length, towards[1] / length]))
-    }
-}
-
-/// Points in the order in which they lie on a closed contour.
-pub(crate) struct Sequence {
-    origin: [f64; 2],
-    points: Vec<[f64; 2]>,
-    /// Sums of each bin, of two rounds, cumulated.
-    cumulated: Vec<Sums>,
-    bins: usize,
-    /// The first point of each bin.
-    first: Vec<usize>,
-}
-
-impl Sequence {
-    /// Ordered by direction from the middle; where the file's own order makes shorter steps, that is kept.
-    pub(crate) fn closed(sightings: &[Sighting]) -> Self {
-        let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
-        let origin = circle(&points).map_or_else(
-            || mean(&points),
-            |c| {
-                let m = mean(&points);
-                // A far centre is that of a nearly straight run.
-                if (c[0] - m[0]).hypot(c[1] - m[1]) < c[2] {
-                    [c[0], c[1]]
-                } else {
-                    m
-                }
-            },
-        );
-        let direction = |i: usize| (points[i][1] - origin[1]).atan2(points[i][0] - origin[0]);
-        let mut around: Vec<usize> = (0..points.len()).collect();
-        around.sort_by(|&a, &b| direction(a).total_cmp(&direction(b)));
-        let length = |order: &[usize]| -> f64 {
-            (0..order.len())
-                .map(|k| {
-                    let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
-                    (a[0] - b[0]).hypot(a[1] - b[1])
-                })
-                .sum()
-        };
-        let filed: Vec<usize> = (0..points.len()).collect();
-        let mut order = if length(&filed) < 0.95 * length(&around) {
-            filed
-        } else {
-            around
-        };
-        let area: f64 = (0..order.len())
-            .map(|k| {
-                let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
-                a[0] * b[1] - a[1] * b[0]
-            })
-            .sum();
-        if area < 0.0 {
-            order.reverse();
-        }
-        let count = order.len();
-        let bins = count.min(MOST_BINS);
-        let first: Vec<usize> = (0..bins).map(|b| b * count / bins).collect();
-        let mut each = vec![Sums::default(); bins];
-        for (b, sums) in each.iter_mut().enumerate() {
-            let end = if b + 1 < bins { first[b + 1] } else { count };
-            for &i in &order[first[b]..end] {
-                let p = [points[i][0] - origin[0], points[i][1] - origin[1]];
-                sums.add(p, sightings[i].covariance());
-            }
-        }
-        let mut cumulated = vec![Sums::default()];
-        for k in 0..2 * bins {
-            cumulated.push(cumulated[k].plus(&each[k % bins]));
-        }
-        Self {
-            origin,
-            points: order.iter().map(|&i| points[i]).collect(),
-            cumulated,
-            bins,
-            first,
-        }
-    }
-
-    fn sums(&self, from: usize, to: usize) -> Sums {
-        self.cumulated[to].minus(&self.cumulated[from])
-    }
-
-    fn count(&self) -> usize {
-        self.points.len()
-    }
-}
-
-/// Where the pieces of the best segmentation into `count` begin, from a given first bin; the cost with it.
-fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, count: usize) -> Option<(f64, Vec<usize>)> {
-    let mut value = vec![vec![f64::INFINITY; bins + 1]; count + 1];
-    let mut from = vec![vec![0; bins + 1]; count + 1];
+/// Cost of the best segmentation into each number of pieces up to `most` that begins at a given bin, and where its pieces
+/// begin; the first is that into one.
+fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<(f64, Vec<usize>)> {
+    let mut value = vec![vec![f64::INFINITY; bins + 1]; most + 1];
+    let mut from = vec![vec![0; bins + 1]; most + 1];
     value[0][0] = 0.0;
-    for k in 1..=count {
+    for k in 1..=most {
         for to in k..=bins {
             for middle in (k - 1)..to {
                 let cost = value[k - 1][middle] + costs[(start + middle) % bins][to - middle];
@@ -202,17 +31,18 @@ fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, count: usize) -> Opt
             }
         }
     }
-    if !value[count][bins].is_finite() {
-        return None;
-    }
-    let mut cuts = Vec::with_capacity(count);
-    let mut at = bins;
-    for k in (1..=count).rev() {
-        at = from[k][at];
-        cuts.push((start + at) % bins);
-    }
-    cuts.reverse();
-    Some((value[count][bins], cuts))
+    (1..=most)
+        .map(|count| {
+            let mut cuts = Vec::with_capacity(count);
+            let mut at = bins;
+            for k in (1..=count).rev() {
+                at = from[k][at];
+                cuts.push((start + at) % bins);
+            }
+            cuts.reverse();
+            (value[count][bins], cuts)
+        })
+        .collect()
 }
 
 /// Costs of all runs `[from, from + length)` of bins.
@@ -223,6 +53,7 @@ fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
             (0..=bins)
                 .map(|length| match length {
                     0 => f64::INFINITY,
+                    _ if !sequence.is_closed && from + length > bins => f64::INFINITY,
                     _ => cost(&sequence.sums(from, from + length)),
                 })
                 .collect()
@@ -230,28 +61,44 @@ fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn segmented(costs: &[Vec<f64>], bins: usize, count: usize) -> Option<(f64, Vec<usize>)> {
-    // The first run starts anywhere; then from a cut in the middle of what was found, until nothing changes.
-    let mut best: Option<(f64, Vec<usize>)> = None;
-    let mut start = 0;
-    for round in 0..4 {
-        let found = best_cuts(costs, bins, start, count)?;
-        let next = found.1[(1 + round) % count];
-        if best.as_ref().is_none_or(|b| found.0 < b.0 - 1e-9) {
-            best = Some(found);
+/// The best segmentations into one piece, two, and so on up to `most`: cost and where pieces begin.
+///
+/// An open sequence begins at its first point. A closed one begins at any cut of the best; where that is follows from
+/// segmentations that began elsewhere, which into more pieces than needed have it among their cuts.
+fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, Vec<usize>)> {
+    let bins = sequence.bins;
+    let mut best = best_cuts(costs, bins, 0, most);
+    let mut tried = vec![0];
+    while sequence.is_closed && tried.len() <= MOST_STARTS {
+        // The cut that most of the best have, and which was not begun at.
+        let cuts = best.iter().flat_map(|(_, cuts)| cuts);
+        let mut times = vec![0; bins];
+        for &cut in cuts.filter(|cut| !tried.contains(cut)) {
+            times[cut] += 1;
         }
-        start = next;
+        let Some(start) = (0..bins).filter(|&cut| times[cut] > 0).max_by_key(|&cut| times[cut]) else {
+            break;
+        };
+        tried.push(start);
+        for (best, found) in best.iter_mut().zip(best_cuts(costs, bins, start, most)) {
+            if found.0 < best.0 {
+                *best = found;
+            }
+        }
     }
     best
 }
 
 /// Vertices of the polygon of so many sides.
-pub(crate) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
+pub(super) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
     if sequence.count() < 2 * count || count < 3 {
         return None;
     }
     let costs = table(sequence, |sums| if sums.count() < 2.0 { 1e3 } else { sums.line().2 });
-    let (_, cuts) = segmented(&costs, sequence.bins, count)?;
+    let (cost, cuts) = segmented(&costs, sequence, count).pop()?;
+    if !cost.is_finite() {
+        return None;
+    }
     let vertices = corners(sequence, &cuts);
     Some(vertices.into_iter().flatten().collect())
 }
@@ -288,8 +135,8 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The chain of least penalised cost, where it has an arc and more than one piece.
-pub(crate) fn chain(sequence: &Sequence) -> Option<(Kind, Vec<f64>)> {
+/// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has an arc, or it is a polygon; an open one has two pieces at least, or an arc.
+pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
         if sums.count() < 3.0 {
@@ -297,21 +144,28 @@ pub(crate) fn chain(sequence: &Sequence) -> Option<(Kind, Vec<f64>)> {
         }
         (sums.line().2 + 2.0 * penalty).min(sums.arc() + 3.0 * penalty)
     });
-    let mut best: Option<(f64, Vec<usize>)> = None;
-    for count in 2..=MOST_PIECES.min(sequence.bins / 4) {
-        let found = segmented(&costs, sequence.bins, count)?;
-        if best.as_ref().is_none_or(|b| found.0 < b.0) {
-            best = Some(found);
-        }
-    }
-    let (_, cuts) = best?;
+    let fewest = if sequence.is_closed { 2 } else { 1 };
+    let most = MOST_PIECES.min(sequence.bins / 4);
+    let mut found: Vec<(f64, Kind, Vec<f64>)> = (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
+        .filter(|(cost, _)| cost.is_finite())
+        .filter_map(|(cost, cuts)| {
+            let (kind, theta) = chain(sequence, &cuts, penalty)?;
+            Some((cost, kind, theta))
+        })
+        .collect();
+    let least = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
+    found.retain(|one| one.0 <= least || one.1.pieces() <= FEW_PIECES);
+    found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
+}
+
+/// The chain whose pieces begin at the cuts.
+fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec<f64>)> {
     let count = cuts.len();
+    let is_closed = sequence.is_closed;
     let run = |k: usize| {
-        let (from, mut to) = (cuts[k], cuts[(k + 1) % count]);
-        if to <= from {
-            to += sequence.bins;
-        }
-        (from, to)
+        let (from, to) = (cuts[k], cuts[(k + 1) % count]);
+        // Past the end of a closed sequence it begins anew; an open one ends there.
+        (from, if to <= from { to + sequence.bins } else { to })
     };
     let arcs: Vec<bool> = (0..count)
         .map(|k| {
@@ -320,7 +174,7 @@ pub(crate) fn chain(sequence: &Sequence) -> Option<(Kind, Vec<f64>)> {
             sums.arc() + penalty < sums.line().2
         })
         .collect();
-    if !arcs.contains(&true) {
+    if !arcs.contains(&true) && (is_closed || count < 2) {
         return None;
     }
     // Where an arc begins there is no crossing of lines to take: the points there tell.
@@ -330,8 +184,8 @@ pub(crate) fn chain(sequence: &Sequence) -> Option<(Kind, Vec<f64>)> {
         let near = [sequence.points[(at + n - 1) % n], sequence.points[at]];
         mean(&near)
     };
-    let crossings = corners(sequence, &cuts);
-    let vertices: Vec<[f64; 2]> = (0..count)
+    let crossings = corners(sequence, cuts);
+    let mut vertices: Vec<[f64; 2]> = (0..count)
         .map(|k| {
             if arcs[k] || arcs[(k + count - 1) % count] {
                 vertex(k)
@@ -340,13 +194,21 @@ pub(crate) fn chain(sequence: &Sequence) -> Option<(Kind, Vec<f64>)> {
             }
         })
         .collect();
+    if !is_closed {
+        vertices[0] = sequence.points[0];
+        vertices.push(sequence.points[sequence.count() - 1]);
+    }
     let mut theta: Vec<f64> = vertices.iter().flatten().copied().collect();
     for k in (0..count).filter(|&k| arcs[k]) {
         let (from, to) = run(k);
-        let (a, b) = (vertices[k], vertices[(k + 1) % count]);
+        let (a, b) = (vertices[k], vertices[(k + 1) % vertices.len()]);
         theta.push(bulge_through(sequence, from, to, a, b));
     }
-    Some((Kind::Chain { arcs, closed: true }, theta))
+    let kind = Kind::Chain {
+        arcs,
+        closed: is_closed,
+    };
+    Some((kind, theta))
 }
 
 /// `tan(θ/4)` of the arc between two vertices that goes through the middle of a run: sagitta over half the chord.

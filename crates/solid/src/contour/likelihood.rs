@@ -1,0 +1,401 @@
+//! How likely readings are whose places on the outline are not known.
+//!
+//! Comes in: an outline and readings as points with a covariance. Goes out: the logarithm of their likelihood, the place of
+//! each integrated over the outline. Distances alone do not compare kinds: each reading lies at the place that suits it best,
+//! so that outlines with many corners or strong bends explain noise. Not guaranteed: anything where readings are far
+//! from evenly spread over what was seen of the outline.
+
+use super::curve::arc_circle;
+use super::kind::Kind;
+use super::parts::usual_gap;
+use super::sighting::{ContourReading, Setting, Sighting};
+use statrs::function::erf::erf;
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
+
+/// A chord may be this share of a reading's σ from its arc.
+const SAGITTA: f64 = 0.02;
+/// Of an arc, what is farther from the reading than so many of its σ does not count.
+const WINDOW: f64 = 7.0;
+/// Most chords of an arc that one reading looks at.
+const MOST_CHORDS: f64 = 200.0;
+/// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of them.
+const LEAST_STEP: f64 = 1e-4;
+/// Readings that are compared with the outline to tell what was seen of it, at most.
+const MOST_COMPARED: usize = 1000;
+
+/// A point that was seen, in the frame of the thing.
+struct Spot {
+    point: [f64; 2],
+    /// `[xx, xy, yy]`.
+    covariance: [f64; 3],
+}
+
+/// A piece of an outline.
+pub(super) enum Stroke {
+    Straight([[f64; 2]; 2]),
+    /// `center + semi[0] cos t · turn + semi[1] sin t · turn⊥` for `t` in `[from, from + sweep]`.
+    Round {
+        center: [f64; 2],
+        semi: [f64; 2],
+        turn: [f64; 2],
+        from: f64,
+        sweep: f64,
+    },
+}
+
+/// What readings say of an outline whose places are not known.
+pub(super) struct Placed {
+    /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from the pose, and
+    /// needs no integral.
+    pub(super) log_likelihood: Option<f64>,
+    /// The least share of a straight side that a reading came near; 1 where sides follow from one another.
+    pub(super) least_seen: f64,
+}
+
+/// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's place is anywhere
+/// on what was seen of the outline, of the length `L`, and wild readings are as unlikely as those at the gate `g`.
+///
+/// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about `−½ Σ s²`; all kinds
+/// share them. On a straight side that is long beside σ the integral is the normal density of the distance; at corners, and
+/// where the outline bends within a few σ, it is what the distance to the nearest side is not: the likelihood. An endless line
+/// counts from the first to the last reading. Cost: a few exponentials a reading and piece, thirty for an arc.
+///
+/// # References
+/// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional relations, and the
+/// incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates based on partially consistent observations*.
+pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], gate: f64) -> Placed {
+    let spots: Vec<Spot> = sightings
+        .iter()
+        .map(|sighting| {
+            let (point, covariance) = ContourReading::of(setting, sighting).seen_at_rest(state);
+            Spot { point, covariance }
+        })
+        .collect();
+    let strokes = strokes(&setting.kind, &state[..setting.kind.parameters()], &spots);
+    let seen = seen_lengths(&strokes, &spots, 0.5 * usual_gap(sightings));
+    let (low, high) = extent(&spots);
+    let size = [high[0] - low[0], high[1] - low[1]];
+    // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no shorter than they reach.
+    let length = (seen.iter().sum::<f64>())
+        .max(size[0])
+        .max(size[1])
+        .max(f64::MIN_POSITIVE);
+    let straight = strokes.iter().zip(&seen).filter_map(|(stroke, seen)| match stroke {
+        Stroke::Straight(_) => Some(seen / stroke.speed()),
+        Stroke::Round { .. } => None,
+    });
+    let least_seen = match setting.kind {
+        Kind::RegularPolygon(_) => 1.0,
+        _ => straight.fold(1.0, f64::min),
+    };
+    if setting.shared_poses {
+        return Placed {
+            log_likelihood: None,
+            least_seen,
+        };
+    }
+    let around = 2.0 * (size[0] + size[1]);
+    let wild = (-0.5 * gate * gate).exp();
+    let share = TAU.sqrt() * around / length;
+    let each = spots.iter().map(|spot| {
+        let density: f64 = strokes.iter().map(|stroke| stroke.density(spot)).sum();
+        let sigma = (spot.covariance[0] + spot.covariance[2]).sqrt();
+        (share * sigma * density + wild).ln()
+    });
+    Placed {
+        log_likelihood: Some(each.sum()),
+        least_seen,
+    }
+}
+
+fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
+    let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for spot in spots {
+        for k in 0..2 {
+            bounds.0[k] = bounds.0[k].min(spot.point[k]);
+            bounds.1[k] = bounds.1[k].max(spot.point[k]);
+        }
+    }
+    bounds
+}
+
+fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
+    let whole = |semi: [f64; 2], turn: [f64; 2]| Stroke::Round {
+        center: [theta[0], theta[1]],
+        semi,
+        turn,
+        from: 0.0,
+        sweep: TAU,
+    };
+    match kind {
+        Kind::Line => {
+            let (sin, cos) = theta[0].sin_cos();
+            let along = spots.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
+            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+            let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
+            vec![Stroke::Straight([at(low), at(high)])]
+        }
+        Kind::Circle => vec![whole([theta[2], theta[2]], [1.0, 0.0])],
+        Kind::Ellipse => vec![whole([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
+        _ => {
+            let count = kind.pieces() + usize::from(!kind.is_closed());
+            let mut vertices = vec![[0.0; 2]; count];
+            kind.vertices(theta, &mut vertices);
+            (0..kind.pieces())
+                .map(|i| Stroke::between(vertices[i], vertices[(i + 1) % count], kind.bulge(theta, i).0))
+                .collect()
+        }
+    }
+}
+
+/// The length of each piece that lies within `reach` of a reading.
+fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
+    let stride = spots.len().div_ceil(MOST_COMPARED);
+    // Fewer readings lie farther apart.
+    let reach = reach * stride as f64;
+    let step = 0.25 * reach;
+    let nearest = |p: [f64; 2]| {
+        let squared = |spot: &Spot| (spot.point[0] - p[0]).powi(2) + (spot.point[1] - p[1]).powi(2);
+        let least = spots.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
+        least.sqrt()
+    };
+    let of = |stroke: &Stroke| {
+        let mut seen = 0.0;
+        let speed = stroke.speed();
+        let step = (step / speed).max(LEAST_STEP);
+        let (mut share, mut from) = (0.0, stroke.at(0.0));
+        while share < 1.0 {
+            let next = (share + step).min(1.0);
+            let to = stroke.at(next);
+            let away = nearest([0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1])]);
+            if away <= reach {
+                seen += (to[0] - from[0]).hypot(to[1] - from[1]);
+                (share, from) = (next, to);
+            } else {
+                // No reading comes within reach before the outline has gone so far.
+                share = next.max(share + (away - reach) / speed);
+                from = stroke.at(share);
+            }
+        }
+        seen
+    };
+    strokes.iter().map(of).collect()
+}
+
+impl Stroke {
+    pub(super) fn between(a: [f64; 2], b: [f64; 2], bulge: f64) -> Self {
+        if bulge == 0.0 {
+            return Self::Straight([a, b]);
+        }
+        let (center, radius) = arc_circle(a, b, bulge);
+        Self::Round {
+            center,
+            semi: [radius; 2],
+            turn: [1.0, 0.0],
+            from: (a[1] - center[1]).atan2(a[0] - center[0]),
+            sweep: 4.0 * bulge.atan(),
+        }
+    }
+
+    /// How fast [`Stroke::at`] moves with its share, at most.
+    pub(super) fn speed(&self) -> f64 {
+        match self {
+            Self::Straight([a, b]) => (b[0] - a[0]).hypot(b[1] - a[1]),
+            Self::Round {
+                semi: [a, b], sweep, ..
+            } => sweep.abs() * a.max(*b),
+        }
+        .max(f64::MIN_POSITIVE)
+    }
+
+    /// The point at a share of the piece.
+    pub(super) fn at(&self, share: f64) -> [f64; 2] {
+        match self {
+            Self::Straight([a, b]) => [0, 1].map(|k| a[k] + share * (b[k] - a[k])),
+            Self::Round { from, sweep, .. } => self.on_round(from + share * sweep),
+        }
+    }
+
+    fn on_round(&self, t: f64) -> [f64; 2] {
+        match self {
+            Self::Straight([a, _]) => *a,
+            Self::Round { center, semi, turn, .. } => {
+                let (sin, cos) = t.sin_cos();
+                let (x, y) = (semi[0] * cos, semi[1] * sin);
+                [
+                    center[0] + turn[0] * x - turn[1] * y,
+                    center[1] + turn[1] * x + turn[0] * y,
+                ]
+            }
+        }
+    }
+
+    /// `∫ N(z; p(s), C) ds` along the piece.
+    fn density(&self, spot: &Spot) -> f64 {
+        match self {
+            Self::Straight(ends) => chord(ends, spot),
+            Self::Round {
+                center,
+                semi,
+                turn,
+                from,
+                sweep,
+            } => {
+                let [xx, xy, yy] = spot.covariance;
+                let d = [spot.point[0] - center[0], spot.point[1] - center[1]];
+                let scaled = [
+                    (turn[0] * d[0] + turn[1] * d[1]) / semi[0],
+                    (turn[0] * d[1] - turn[1] * d[0]) / semi[1],
+                ];
+                let foot = scaled[1].atan2(scaled[0]);
+                let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+                let largest = (0.5 * (xx + yy) + spread).sqrt();
+                let least = (0.5 * (xx + yy) - spread).max(0.0).sqrt().max(0.05 * largest);
+                let (long, short) = (semi[0].max(semi[1]), semi[0].min(semi[1]));
+                let near = (WINDOW * largest / short).min(PI);
+                // The part of the piece within the window, which may lie a turn away.
+                let (start, end) = if *sweep >= 0.0 {
+                    (*from, from + sweep)
+                } else {
+                    (from + sweep, *from)
+                };
+                let step = (8.0 * SAGITTA * least / long).sqrt();
+                let mut total = 0.0;
+                let mut middle = foot + TAU * ((start - near - foot) / TAU).ceil();
+                while middle - near < end {
+                    let (a, b) = ((middle - near).max(start), (middle + near).min(end));
+                    let count = ((b - a) / step).ceil().clamp(1.0, MOST_CHORDS);
+                    // A little outwards, so that the chords lie on the arc on average.
+                    let grow = ((b - a) / count).powi(2) / 12.0;
+                    let at = |k: f64| {
+                        let p = self.on_round(a + (b - a) * k / count);
+                        [0, 1].map(|i| p[i] + grow * (p[i] - center[i]))
+                    };
+                    let mut last = at(0.0);
+                    for k in 1..=count as usize {
+                        let next = at(k as f64);
+                        total += chord(&[last, next], spot);
+                        last = next;
+                    }
+                    middle += TAU;
+                }
+                total
+            }
+        }
+    }
+}
+
+/// `∫ N(z; p(s), C) ds` along a segment: the density of the distance across, times how much of what is along lies on it.
+fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
+    let e = [b[0] - a[0], b[1] - a[1]];
+    let length = e[0].hypot(e[1]);
+    if length <= 0.0 {
+        return 0.0;
+    }
+    let t = [e[0] / length, e[1] / length];
+    let n = [t[1], -t[0]];
+    let [xx, xy, yy] = spot.covariance;
+    let d = [spot.point[0] - a[0], spot.point[1] - a[1]];
+    let off = n[0] * d[0] + n[1] * d[1];
+    let pull = [xx * n[0] + xy * n[1], xy * n[0] + yy * n[1]];
+    let across = (n[0] * pull[0] + n[1] * pull[1]).max(f64::MIN_POSITIVE);
+    let squared = off * off / across;
+    if squared > 200.0 {
+        return 0.0;
+    }
+    // Where the reading is along the segment, given that it is on it.
+    let along = t[0] * d[0] + t[1] * d[1] - (t[0] * pull[0] + t[1] * pull[1]) * off / across;
+    let variance = ((xx * yy - xy * xy) / across).max(1e-24 * length * length);
+    let scale = FRAC_1_SQRT_2 / variance.sqrt();
+    let share = 0.5 * (erf(scale * (length - along)) + erf(scale * along));
+    share * (-0.5 * squared).exp() / (TAU * across).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spot(point: [f64; 2]) -> Spot {
+        Spot {
+            point,
+            covariance: [0.04, 0.01, 0.02],
+        }
+    }
+
+    /// By summing the density over the piece in steps that are short beside σ.
+    fn summed(stroke: &Stroke, spot: &Spot) -> f64 {
+        let [xx, xy, yy] = spot.covariance;
+        let determinant = xx * yy - xy * xy;
+        let count = 200_000;
+        // Of lines and circles the speed is the length.
+        let ds = stroke.speed() / f64::from(count);
+        let each = (0..count).map(|k| {
+            let p = stroke.at((f64::from(k) + 0.5) / f64::from(count));
+            let d = [spot.point[0] - p[0], spot.point[1] - p[1]];
+            let square = (yy * d[0] * d[0] - 2.0 * xy * d[0] * d[1] + xx * d[1] * d[1]) / determinant;
+            (-0.5 * square).exp() / (TAU * determinant.sqrt())
+        });
+        each.sum::<f64>() * ds
+    }
+
+    #[test]
+    fn the_density_of_a_place_is_the_integral_over_the_piece() {
+        let strokes = [
+            Stroke::Straight([[0.0, 0.0], [1.0, 0.5]]),
+            Stroke::between([1.0, 0.0], [0.0, 1.0], 0.414),
+            Stroke::between([1.0, 0.0], [0.0, 1.0], -0.3),
+            Stroke::between([1.0, 0.0], [0.0, 0.1], 2.5),
+        ];
+        for (i, stroke) in strokes.iter().enumerate() {
+            for point in [[0.9, 0.4], [0.0, 0.0], [1.2, -0.2], [0.5, 0.9], [0.1, 1.1]] {
+                let (found, wanted) = (stroke.density(&spot(point)), summed(stroke, &spot(point)));
+                assert!(
+                    (found - wanted).abs() < 0.01 * wanted + 1e-6,
+                    "{i} {point:?}: {found} for {wanted}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_density_of_a_whole_outline_integrates_to_its_length() {
+        // So that likelihoods of different outlines can be compared at all.
+        let circle = [Stroke::Round {
+            center: [0.2, 0.1],
+            semi: [1.0, 1.0],
+            turn: [1.0, 0.0],
+            from: 0.0,
+            sweep: TAU,
+        }];
+        let corner = [
+            Stroke::Straight([[-1.0, 1.0], [0.0, 0.0]]),
+            Stroke::Straight([[0.0, 0.0], [1.0, 1.0]]),
+        ];
+        for outline in [&circle[..], &corner[..]] {
+            let step = 0.05;
+            let mut total = 0.0;
+            for i in -60..60 {
+                for j in -60..60 {
+                    let at = spot([f64::from(i) * step, f64::from(j) * step]);
+                    total += outline.iter().map(|s| s.density(&at)).sum::<f64>() * step * step;
+                }
+            }
+            let length: f64 = outline.iter().map(Stroke::speed).sum();
+            assert!((total / length - 1.0).abs() < 2e-3, "{total} for {length}");
+        }
+    }
+
+    #[test]
+    fn what_no_reading_is_near_was_not_seen() {
+        let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
+        let strokes: Vec<Stroke> = (0..4)
+            .map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]]))
+            .collect();
+        let spots: Vec<Spot> = (0..41).map(|k| spot([0.1 * f64::from(k), 0.0])).collect();
+        let seen = seen_lengths(&strokes, &spots, 0.2);
+        assert!(
+            (seen[0] - 4.0).abs() < 0.1 && seen[1] < 0.3 && seen[2] == 0.0,
+            "{seen:?}"
+        );
+    }
+}
