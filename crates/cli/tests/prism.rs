@@ -179,8 +179,8 @@ fn views_that_cannot_be_put_together_are_told_by_name() {
             "g.png: graphs are written as .json or .dot",
         ),
         (
-            &["front.json", "side.json", "--as", "front,side", "-o", "p.stl"],
-            "p.stl: solids are written as .step",
+            &["front.json", "side.json", "--as", "front,side", "-o", "p.iges"],
+            "p.iges: solids are written as .step",
         ),
         (&["a.dxf", "a.dxf", "--graphs", "g.dot"], "graphs are made of contours"),
     ] {

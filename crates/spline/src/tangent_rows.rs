@@ -266,7 +266,7 @@ mod tests {
         for n in [0, 2] {
             let growth = told(&grown, &rows.bends_along_normals[n]);
             assert!(
-                (growth - unit_change).abs() < 0.02 * unit_change,
+                (growth - unit_change).abs() < 0.06 * unit_change,
                 "{growth} {unit_change}"
             );
             let shift = told(&shifted, &rows.bends_along_normals[n]);

@@ -709,18 +709,28 @@ impl Observations {
         }
     }
 
-    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go, but for those
-    /// of sensors that are put somewhere deliberately.
-    fn complete_normals(&mut self, neighbours: usize, orient: bool, deliberate: impl Fn(usize) -> bool) -> Result<()> {
+    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go. Touches
+    /// (`touched`, by sensor) are few and put where somebody wanted them: those are isolated that are so among touches, too.
+    fn complete_normals(&mut self, neighbours: usize, orient: bool, touched: impl Fn(usize) -> bool) -> Result<()> {
         if self.oriented.iter().all(|&o| o) {
             return Ok(());
         }
         let unknown = |made: &Self, i: usize| !made.oriented[i] && made.normals[i] == [0.0; 3];
         if (0..self.len()).any(|i| unknown(self, i)) {
             let cloud = cloud_geometry(&self.points, neighbours)?;
-            let gone: Vec<bool> = (0..self.len())
-                .map(|i| unknown(self, i) && cloud.isolated[i] && !deliberate(self.channels[self.channel(i)].sensor))
-                .collect();
+            let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
+            let mut gone: Vec<bool> = (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
+            if (0..self.len()).any(|i| gone[i] && touch(i)) {
+                let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
+                let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.points[i]).collect();
+                let among_touches = match points.len() {
+                    0..LEAST_POINTS => vec![false; points.len()],
+                    _ => cloud_geometry(&points, neighbours)?.isolated,
+                };
+                for (i, isolated) in touches.into_iter().zip(among_touches) {
+                    gone[i] &= isolated;
+                }
+            }
             for i in (0..self.len()).filter(|&i| !gone[i]) {
                 if unknown(self, i) {
                     self.normals[i] = cloud.normals[i].map(|c| c as f32);
