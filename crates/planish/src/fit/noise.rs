@@ -125,9 +125,12 @@ impl SensorNoise {
             noise.estimated[channel] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
             let ratio = noise.estimated[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
+            // A surface follows errors that neighbours share: small residuals are then no proof that errors are small.
+            let may_be_smaller = !observations.err_together[observations.channels[channel].sensor];
+            let smaller = may_be_smaller && ratio < 1.0 / BELIEVED - 3.0 * standard_error;
             let off = redundancy > LEAST_REDUNDANCY
                 && redundant > ENOUGH_TO_CONTRADICT
-                && (ratio > BELIEVED + 3.0 * standard_error || ratio < 1.0 / BELIEVED - 3.0 * standard_error);
+                && (ratio > BELIEVED + 3.0 * standard_error || smaller);
             if !observations.stated[channel] {
                 noise.used[channel] = noise.estimated[channel];
             } else if !settled {

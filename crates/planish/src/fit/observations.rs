@@ -202,6 +202,8 @@ pub struct Observations {
     pub least_variance: f64,
     /// Whether the channel's σ was stated, by its sensor's model or by every point of its scans.
     pub stated: Vec<bool>,
+    /// Whether the errors of a sensor's neighbouring readings are alike, by sensor: those of dense stereo are, as neighbours share most of what was matched.
+    pub err_together: Vec<bool>,
     /// Whether they are what is left of points on the ground and above it: more of the latter may be among them.
     pub ground: bool,
     /// What was left out already, by cause.
@@ -279,6 +281,7 @@ impl Observations {
                 .collect(),
             total,
             stated: vec![true; sensors.len()],
+            err_together: sensors.iter().map(|s| s.kind == SensorKind::Stereo).collect(),
             ..Self::default()
         };
         let found: usize = scans.iter().map(|s| s.points.len()).sum();
