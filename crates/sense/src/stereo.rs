@@ -137,8 +137,10 @@ pub fn match_stereo(
                 let other = right_best[k - k % columns + there];
                 u32::from(other.abs_diff(w.best)) <= options.left_right
             });
+        let rivals = (k % columns) as i64 - i64::from(options.least_disparity);
+        let by_chance = || rivals < FEWEST_RIVALS && local_range(left, k) < 0.5 * contrast;
         match () {
-            () if !w.clear => rejected.ambiguous += 1,
+            () if !w.clear || by_chance() => rejected.ambiguous += 1,
             () if !agrees => rejected.left_right += 1,
             () if w.best == 0 && options.least_disparity != 0 || usize::from(w.best) + 1 == disparities => {
                 rejected.range += 1
@@ -173,6 +175,24 @@ pub fn match_stereo(
 
 /// Darker than this share of what is bright is no thing's texture.
 const DARK: f32 = 0.06;
+/// Beside the border a pixel has fewer possible matches than this. Among a few one is always the least, so only
+/// texture of half the usual contrast is believed there.
+const FEWEST_RIVALS: i64 = 32;
+
+/// How much values differ in the 5 × 5 pixels about one.
+fn local_range(image: &Image, pixel: usize) -> f32 {
+    let (column, row) = (pixel % image.columns, pixel / image.columns);
+    let around = |at: usize, end: usize| at.saturating_sub(2)..(at + 3).min(end);
+    let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+    for r in around(row, image.rows) {
+        for c in around(column, image.columns) {
+            let value = image.values[r * image.columns + c];
+            least = least.min(value);
+            most = most.max(value);
+        }
+    }
+    most - least
+}
 
 /// The σ of a disparity, in pixels, from what its window says.
 ///

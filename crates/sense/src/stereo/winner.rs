@@ -8,9 +8,6 @@
 
 use rayon::prelude::*;
 
-/// A match has to be better than so many others.
-const FEWEST_RIVALS: i64 = 32;
-
 /// What a pixel's sums say.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Winner {
@@ -25,7 +22,7 @@ pub(super) struct Winner {
 /// The winners of all pixels.
 ///
 /// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the disparity of index 0, of which a row of `columns` pixels has fewer the nearer to
-/// its beginning: beyond, the right image ends. A least sum at either end is no minimum: what lies beyond the end may match better; and among a few sums one is always the least.
+/// its beginning: beyond, the right image ends. A least sum at either end is no minimum: what lies beyond the end may match better.
 pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i32, share: u32) -> Vec<Winner> {
     sums.par_chunks_exact(disparities)
         .enumerate()
@@ -33,8 +30,7 @@ pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i
             let mut found = winner(sums, share);
             let within = (pixel % columns) as i64 - i64::from(least);
             let last = within.min(disparities as i64 - 1);
-            let enough = last >= FEWEST_RIVALS.min(disparities as i64 - 1);
-            found.clear &= enough && found.best > 0 && i64::from(found.best) < last;
+            found.clear &= found.best > 0 && i64::from(found.best) < last;
             found
         })
         .collect()
