@@ -142,9 +142,7 @@ pub fn match_stereo(
         match () {
             () if !w.clear || by_chance() => rejected.ambiguous += 1,
             () if !agrees => rejected.left_right += 1,
-            () if w.best == 0 && options.least_disparity != 0 || usize::from(w.best) + 1 == disparities => {
-                rejected.range += 1
-            }
+            () if w.at_end => rejected.range += 1,
             () => first[k] = w.between + options.least_disparity as f32,
         }
     }

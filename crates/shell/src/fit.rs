@@ -151,6 +151,13 @@ impl Problem<'_> {
             .collect()
     }
 
+    /// The sum of the loss, σ being `factor` times what is stated.
+    fn cost(&self, shell: &Shell<'_>, factor: f64) -> f64 {
+        (self.residuals(shell).iter())
+            .map(|r| self.options.loss.rho(r / factor))
+            .sum()
+    }
+
     /// Equations of all points over the basis of the deformation, residuals weighed as if σ were `factor` times what is stated.
     fn pass(&self, shell: &Shell<'_>, factor: f64) -> Pass {
         let basis = self.deformation.basis();
@@ -307,9 +314,7 @@ pub fn fit_points(
         let mut damping = 1e-6;
         let mut termination = Termination::Limit;
         let mut moved = problem.moved(&q);
-        let mut round = 0;
-        while round < options.iterations {
-            round += 1;
+        for _ in 0..options.iterations {
             iterations += 1;
             let shell = Shell::new(&moved, &problem.shell)?;
             if !options.believe_sigma {
@@ -329,15 +334,8 @@ pub fn fit_points(
                 let change = solve(&wanted, damping, &slope)?;
                 let next = &q + &change;
                 let tried = problem.moved(&next);
-                let after = {
-                    let shell = Shell::new(&tried, &problem.shell)?;
-                    let cost: f64 = problem
-                        .residuals(&shell)
-                        .iter()
-                        .map(|r| options.loss.rho(r / factor))
-                        .sum();
-                    cost + 0.5 * weight * smooth.roughness(&next)
-                };
+                let cost = problem.cost(&Shell::new(&tried, &problem.shell)?, factor);
+                let after = cost + 0.5 * weight * smooth.roughness(&next);
                 if after <= before * (1.0 + 1e-12) {
                     let length = (change.dot(&(&wanted * &change)) / parameters as f64).sqrt();
                     shorter = length < 0.02;

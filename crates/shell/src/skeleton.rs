@@ -34,9 +34,10 @@ fn obtuse_corner(t: &[[f64; 3]; 3]) -> Option<usize> {
 
 /// The skeleton point of a facet and how it moves.
 pub(crate) fn skeleton(t: &[[f64; 3]; 3]) -> Skeleton {
-    let acute = obtuse_corner(t).is_none().then(|| circumcenter(t)).flatten();
+    let obtuse = obtuse_corner(t);
+    let acute = if obtuse.is_none() { circumcenter(t) } else { None };
     acute.unwrap_or_else(|| {
-        let corner = obtuse_corner(t).unwrap_or(0);
+        let corner = obtuse.unwrap_or(0);
         let [a, b] = [t[(corner + 1) % 3], t[(corner + 2) % 3]];
         let mut by_corner = [Matrix3::from_diagonal_element(0.5); 3];
         by_corner[corner] = Matrix3::zeros();

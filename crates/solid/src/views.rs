@@ -45,7 +45,7 @@ mod wall;
 mod wall_sight;
 
 use crate::brep::{Measures, Solid};
-pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
+pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
 use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
 

@@ -468,9 +468,11 @@ pub(super) fn place(
             None
         };
         feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
-        if iteration == 0 {
-            known_before = variances_of_surface(&model.posterior()?, &feet)?;
-            let predicted: Vec<Foot> = (feet.iter().zip(&known_before).zip(&subset))
+        let predicted: Vec<Foot>;
+        let judged = if iteration == 0 {
+            let before = Posterior::new(&model.surface, Arc::new(model.covariance(&system)?));
+            known_before = variances_of_surface(&before.with_shape_left(&model.shape_left), &feet)?;
+            predicted = (feet.iter().zip(&known_before).zip(&subset))
                 .map(|((foot, of_surface), &i)| {
                     let stated = observations.stated[observations.channel(i as usize)];
                     Foot {
@@ -479,10 +481,11 @@ pub(super) fn place(
                     }
                 })
                 .collect();
-            noise = SensorNoise::estimate(observations, &subset, &predicted, options.gate, &degrees, true)?;
+            &predicted
         } else {
-            noise = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
-        }
+            &feet
+        };
+        noise = SensorNoise::estimate(observations, &subset, judged, options.gate, &degrees, true)?;
         if iteration == 3 {
             break;
         }

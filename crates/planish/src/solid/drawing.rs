@@ -5,7 +5,9 @@ use planish_estimate::{Error, Result};
 use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
 use planish_exchange::{Unit, extension};
-use planish_solid::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, views_of_sheet};
+use planish_solid::views::{
+    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, views_of_sheet,
+};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -184,20 +186,6 @@ pub(super) fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
         }
     }
     summary(&found).collect()
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
-fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
-    let d = [b[0] - a[0], b[1] - a[1]];
-    let square = d[0] * d[0] + d[1] * d[1];
-    let share = match square > 0.0 {
-        true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
-        false => 0.0,
-    };
-    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
 }
 
 /// Views that share an axis must span the same range of it.

@@ -15,6 +15,8 @@ pub(super) struct Winner {
     pub(super) best: u16,
     /// Whether no other disparity but its neighbours comes near.
     pub(super) clear: bool,
+    /// Whether it is the first or the last that could be looked at: what lies beyond may match better.
+    pub(super) at_end: bool,
     /// The minimum between whole numbers, as an index.
     pub(super) between: f32,
 }
@@ -22,7 +24,7 @@ pub(super) struct Winner {
 /// The winners of all pixels.
 ///
 /// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the disparity of index 0, of which a row of `columns` pixels has fewer the nearer to
-/// its beginning: beyond, the right image ends. A least sum at either end is no minimum: what lies beyond the end may match better.
+/// its beginning: beyond, the right image ends. A least sum at either end is no minimum.
 pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i32, share: u32) -> Vec<Winner> {
     sums.par_chunks_exact(disparities)
         .enumerate()
@@ -30,7 +32,7 @@ pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i
             let mut found = winner(sums, share);
             let within = (pixel % columns) as i64 - i64::from(least);
             let last = within.min(disparities as i64 - 1);
-            found.clear &= found.best > 0 && i64::from(found.best) < last;
+            found.at_end = found.best == 0 || i64::from(found.best) >= last;
             found
         })
         .collect()
@@ -44,6 +46,7 @@ fn winner(sums: &[u16], share: u32) -> Winner {
     Winner {
         best: best as u16,
         clear: u32::from(next) * 100 > u32::from(least) * (100 + share),
+        at_end: best == 0 || best + 1 == sums.len(),
         between: best as f32 + offset(sums, best),
     }
 }
@@ -141,7 +144,8 @@ mod tests {
         let clear = |sums: [u16; 4], column: usize| {
             let mut row = vec![200_u16; 40];
             row[4 * column..4 * column + 4].copy_from_slice(&sums);
-            winners(&row, 10, 4, 2, 10)[column].clear
+            let w = winners(&row, 10, 4, 2, 10)[column];
+            w.clear && !w.at_end
         };
         assert!(clear([200, 100, 200, 300], 9));
         assert!(!clear([100, 200, 300, 400], 9));

@@ -129,8 +129,21 @@ impl Curve2 {
 }
 
 /// The distance of two points of a view.
-pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+#[must_use]
+pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// The distance of a point to a straight line between two points.
+#[must_use]
+pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let square = d[0] * d[0] + d[1] * d[1];
+    let share = match square > 0.0 {
+        true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
+        false => 0.0,
+    };
+    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
 }
 
 /// A curve with its style, and what the file calls it.

@@ -112,10 +112,20 @@ pub(super) fn faces(solid: &Solid, surface: &Surface, outward: bool, loops: Vec<
             }
         }
     }
+    by_face(loops, &face_of, |index| {
+        rings[index].turns == 0 && rings[index].area * sense < 0.0
+    })
+}
+
+/// The loops of each face, those that go around it before its holes; in the order of the faces' numbers.
+pub(super) fn by_face(
+    loops: Vec<Vec<Coedge>>,
+    face_of: &[usize],
+    is_hole: impl Fn(usize) -> bool,
+) -> Vec<Vec<Vec<Coedge>>> {
     let mut grouped: BTreeMap<usize, Vec<(bool, Vec<Coedge>)>> = BTreeMap::new();
     for (index, ring) in loops.into_iter().enumerate() {
-        let is_hole = rings[index].turns == 0 && rings[index].area * sense < 0.0;
-        grouped.entry(face_of[index]).or_default().push((is_hole, ring));
+        grouped.entry(face_of[index]).or_default().push((is_hole(index), ring));
     }
     grouped
         .into_values()

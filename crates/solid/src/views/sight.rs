@@ -7,7 +7,7 @@
 
 use super::cells::{Cells, pieces_in};
 use super::column::{Break, Column, SurfaceId};
-use super::drawing::{Drawing, LineStyle, distance};
+use super::drawing::{Drawing, LineStyle, distance_to_segment};
 use super::plan::{Carrier, runs_within};
 use super::profile::Profile;
 use super::wall::Side;
@@ -325,17 +325,6 @@ fn is_drawn(carrier: &Carrier, at: [f64; 2], near: f64) -> bool {
     };
     let within = |t: f64| carrier.runs.iter().any(|r| t > r.from - margin && t < r.to + margin);
     within(t) || matches!(carrier.profile, Profile::Circle { .. }) && (within(t - TAU) || within(t + TAU))
-}
-
-/// The distance of a point to a straight line between two points.
-pub(crate) fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
-    let d = [b[0] - a[0], b[1] - a[1]];
-    let square = d[0] * d[0] + d[1] * d[1];
-    let share = match square > 0.0 {
-        true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
-        false => 0.0,
-    };
-    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
 }
 
 /// Intervals of an axis in which another view than the one given has pieces.

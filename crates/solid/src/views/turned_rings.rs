@@ -3,9 +3,9 @@
 //! From a loop one looks into the face, along a line of constant angle around the axis: what is seen first bounds the same face. The look goes on around
 //! the tube of a torus, and over the pole of a sphere or the apex of a cone.
 
+use super::rings::by_face;
 use crate::brep::{Coedge, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
-use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
 /// Straight pieces that stand for an edge.
@@ -101,18 +101,10 @@ pub(super) fn turned_faces(
             }
         }
     }
-    let mut grouped: BTreeMap<usize, Vec<(bool, Vec<Coedge>)>> = BTreeMap::new();
-    for (index, ring) in loops.into_iter().enumerate() {
+    by_face(loops, &face_of, |index| {
         let turn: f64 = rings[index].pieces.iter().map(|[a, b]| b[0] - a[0]).sum();
-        grouped.entry(face_of[index]).or_default().push((turn.abs() < PI, ring));
-    }
-    grouped
-        .into_values()
-        .map(|mut loops| {
-            loops.sort_by_key(|l| l.0);
-            loops.into_iter().map(|l| l.1).collect()
-        })
-        .collect()
+        turn.abs() < PI
+    })
 }
 
 /// Whether v rises or falls from a piece of a loop into the face; none where the piece runs along v.
