@@ -27,6 +27,7 @@ mod check;
 mod deviation;
 mod edges;
 mod facet_tree;
+mod merge;
 mod mesh;
 mod primitives;
 mod ray;
@@ -39,6 +40,9 @@ mod visibility;
 pub use check::MeshCheck;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
+pub use merge::{
+    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused, zipped,
+};
 pub use mesh::{BoundingBox, TriangleMesh};
 pub use primitives::{cylinder, grid_sheet, icosphere};
 pub use ray::RayHit;

@@ -1,8 +1,8 @@
 //! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three noise levels.
 //!
-//! `cargo run --release -p planish-solid --example contour_kinds [runs] [noise,noise,…] [a shape's name]`
+//! `cargo run --release -p planish-solid --example contour_kinds [runs or first..end] [noise,noise,…] [a shape's name]`
 //!
-//! Run `k` of a line has the seed `k`, so that lines can be run one by one.
+//! Run `k` of a line has the seed `k`, so that lines can be run one by one, and the runs of a line in several parts whose counts add up.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -78,9 +78,19 @@ fn truths() -> Vec<Truth> {
     ]
 }
 
+/// `n` for the seeds `0..n`, or `a..b`.
+fn seeds(text: &str) -> Option<std::ops::Range<u64>> {
+    match text.split_once("..") {
+        Some((first, end)) => Some(first.parse().ok()?..end.parse().ok()?),
+        None => Some(0..text.parse().ok()?),
+    }
+}
+
 fn main() {
     let argument = |k: usize| std::env::args().nth(k);
-    let runs: u64 = argument(1).and_then(|a| a.parse().ok()).unwrap_or(20);
+    let runs = argument(1)
+        .map_or(Some(0..20), |a| seeds(&a))
+        .expect("a number of runs, or first..end");
     let noises = argument(2).unwrap_or_else(|| "0.1,0.3,1".to_owned());
     println!("noise,truth,runs,found: count");
     let begun = std::time::Instant::now();
@@ -91,7 +101,8 @@ fn main() {
                 continue;
             }
             let sensor = SensorOptions::around(1.0, noise);
-            let names: Vec<String> = (0..runs)
+            let names: Vec<String> = runs
+                .clone()
                 .into_par_iter()
                 .map(|run| {
                     let made = ranges(&truth.kind, &truth.theta, truth.middle, 200, &sensor, run);
@@ -104,8 +115,9 @@ fn main() {
                 *counts.entry(name).or_default() += 1;
             }
             let said: Vec<String> = counts.iter().map(|(name, n)| format!("{name}: {n}")).collect();
-            println!("{noise},{},{runs},{}", truth.name, said.join("; "));
-            all += runs;
+            let n = runs.end - runs.start;
+            println!("{noise},{},{n},{}", truth.name, said.join("; "));
+            all += n;
         }
     }
     println!(

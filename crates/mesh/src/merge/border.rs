@@ -1,0 +1,94 @@
+//! How far the vertices of a patch are from its border.
+
+use super::manifold::{NONE, opposites};
+use crate::mesh::TriangleMesh;
+use planish_estimate::vector3::distance;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// For each vertex, the length of the shortest way along edges to an open border; infinite where there is none. Ways longer than `limit` are not followed: what is farther has `limit`.
+///
+/// Cost: O(n log n) for the part within the limit (Dijkstra from all border vertices at once).
+pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
+    let opposite = opposites(&mesh.triangles);
+    let mut far = vec![f64::INFINITY; mesh.positions.len()];
+    let mut queue = BinaryHeap::new();
+    for (half, _) in opposite.iter().enumerate().filter(|(_, o)| **o == NONE) {
+        for k in [half % 3, (half % 3 + 1) % 3] {
+            let v = mesh.triangles[half / 3][k];
+            if far[v as usize] != 0.0 {
+                far[v as usize] = 0.0;
+                queue.push(Reverse((0, v)));
+            }
+        }
+    }
+    if queue.is_empty() {
+        return far;
+    }
+    let (starts, neighbours) = neighbours(mesh);
+    // Distances that are not negative compare like their bits.
+    while let Some(Reverse((bits, v))) = queue.pop() {
+        let here = f64::from_bits(bits);
+        if here > far[v as usize] {
+            continue;
+        }
+        for &to in &neighbours[starts[v as usize] as usize..starts[v as usize + 1] as usize] {
+            let there = here + distance(mesh.positions[v as usize], mesh.positions[to as usize]);
+            if there < far[to as usize] && there < limit {
+                far[to as usize] = there;
+                queue.push(Reverse((there.to_bits(), to)));
+            }
+        }
+    }
+    for d in &mut far {
+        *d = d.min(limit);
+    }
+    far
+}
+
+/// The neighbours of every vertex along edges, those of vertex `v` from `starts[v]` to `starts[v + 1]`. Along inner edges each comes twice.
+fn neighbours(mesh: &TriangleMesh) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0_u32; mesh.positions.len() + 1];
+    for t in &mesh.triangles {
+        for &v in t {
+            starts[v as usize + 1] += 2;
+        }
+    }
+    for v in 0..mesh.positions.len() {
+        starts[v + 1] += starts[v];
+    }
+    let mut place = starts.clone();
+    let mut all = vec![0; 6 * mesh.triangles.len()];
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            for other in [t[(k + 1) % 3], t[(k + 2) % 3]] {
+                let at = &mut place[t[k] as usize];
+                all[*at as usize] = other;
+                *at += 1;
+            }
+        }
+    }
+    (starts, all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitives::{grid_sheet, icosphere};
+
+    #[test]
+    fn the_middle_of_a_sheet_is_farthest_and_a_ball_has_no_border() {
+        let sheet = grid_sheet(2.0, 4.0, 21, 41);
+        let far = distance_to_border(&sheet, 10.0);
+        for (p, d) in sheet.positions.iter().zip(&far) {
+            let straight = (1.0 - p[0].abs()).min(2.0 - p[1].abs());
+            assert!((d - straight).abs() < 1e-9, "{p:?}: {d}, {straight}");
+        }
+        assert!(distance_to_border(&sheet, 0.3).iter().all(|d| *d <= 0.3));
+        assert!(
+            distance_to_border(&icosphere(1.0, 1), 1.0)
+                .iter()
+                .all(|d| d.is_infinite())
+        );
+    }
+}

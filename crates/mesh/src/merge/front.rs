@@ -1,0 +1,374 @@
+//! Sewing pieces of surface together: triangles between their borders, one after the other.
+//!
+//! Comes in: pieces whose edges and vertices are manifold, with gaps of a few edges between them. Goes out: more triangles over the same vertices. At every open edge `a → b` the candidate is the border vertex that
+//! sees the edge under the largest angle (Delaunay's choice in the plane of the edge: no other border vertex lies in the circle), with nothing of the border between. The smallest circles come first
+//! (F. Bernardini and others, *The ball-pivoting algorithm*, 1999, with balls as large as each triangle needs).
+//!
+//! The border is kept as corners, each the end of one open edge and the beginning of another; a vertex touched by a triangle from afar has two corners, one on either side. So every step glues
+//! one triangle to a surface with a border and gives one again, whatever the vertices' places are.
+//!
+//! Not guaranteed: that a gap is closed, or that triangles of pieces which fold over each other do not cross.
+
+use super::manifold::{NONE, next_in_triangle, opposites};
+use planish_estimate::vector3::{add, cross, distance, dot, scale, sub, unit};
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap, HashSet};
+
+/// Directions of normals of a new triangle and of the surface at its corners: the least cosine.
+const SAME_SIDE: f64 = 0.35;
+
+/// What is known of the vertices that are sewn.
+pub(super) struct Cloth<'a> {
+    pub positions: &'a [[f64; 3]],
+    /// Unit normals.
+    pub normals: &'a [[f64; 3]],
+    /// How far a vertex may be from those it is joined with.
+    pub reach: &'a [f64],
+    /// Whether three border vertices may be joined.
+    pub may_join: &'a (dyn Fn([u32; 3]) -> bool + 'a),
+}
+
+/// The open edges of a surface, each with the next and the previous along its loop.
+struct Border {
+    from: Vec<u32>,
+    to: Vec<u32>,
+    next: Vec<u32>,
+    previous: Vec<u32>,
+    open: Vec<bool>,
+    /// Open edges that begin at a vertex.
+    leaving: HashMap<u32, Vec<u32>>,
+    /// Edges with both ends on the border, the smaller end first.
+    edges: HashSet<[u32; 2]>,
+}
+
+/// A triangle that may be added: `edge`, and the corner at the beginning of `leaving`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Candidate {
+    leaving: u32,
+    radius: f64,
+}
+
+/// Closes gaps; the new triangles are added at the end.
+pub(super) fn sew(cloth: &Cloth<'_>, triangles: &mut Vec<[u32; 3]>) {
+    let mut border = Border::of(triangles);
+    let grid = Grid::of(cloth, border.from.iter().copied());
+    let mut queue = BinaryHeap::new();
+    for edge in 0..border.from.len() as u32 {
+        if let Some(best) = candidate(cloth, &border, &grid, edge) {
+            queue.push(Reverse((best.radius.to_bits(), edge)));
+        }
+    }
+    while let Some(Reverse((bits, edge))) = queue.pop() {
+        if !border.open[edge as usize] {
+            continue;
+        }
+        let Some(best) = candidate(cloth, &border, &grid, edge) else {
+            continue;
+        };
+        if best.radius.to_bits() > bits {
+            queue.push(Reverse((best.radius.to_bits(), edge)));
+            continue;
+        }
+        let (a, b, c) = (
+            border.from[edge as usize],
+            border.to[edge as usize],
+            border.from[best.leaving as usize],
+        );
+        triangles.push([b, a, c]);
+        for changed in border.glue(edge, best.leaving).into_iter().flatten() {
+            for around in [
+                border.previous[changed as usize],
+                changed,
+                border.next[changed as usize],
+            ] {
+                if let Some(best) = candidate(cloth, &border, &grid, around) {
+                    queue.push(Reverse((best.radius.to_bits(), around)));
+                }
+            }
+        }
+    }
+}
+
+impl Border {
+    fn of(triangles: &[[u32; 3]]) -> Self {
+        let opposite = opposites(triangles);
+        let mut number = HashMap::new();
+        let mut border = Self {
+            from: Vec::new(),
+            to: Vec::new(),
+            next: Vec::new(),
+            previous: Vec::new(),
+            open: Vec::new(),
+            leaving: HashMap::new(),
+            edges: HashSet::new(),
+        };
+        let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
+        for half in (0..opposite.len() as u32).filter(|&h| opposite[h as usize] == NONE) {
+            let edge = border.from.len() as u32;
+            number.insert(half, edge);
+            border.from.push(corner(half));
+            border.to.push(corner(next_in_triangle(half)));
+            border.leaving.entry(corner(half)).or_default().push(edge);
+        }
+        border.next = vec![NONE; border.from.len()];
+        border.previous = vec![NONE; border.from.len()];
+        border.open = vec![true; border.from.len()];
+        for (&half, &edge) in &number {
+            let mut at = next_in_triangle(half);
+            while opposite[at as usize] != NONE {
+                at = next_in_triangle(opposite[at as usize]);
+            }
+            let next = number[&at];
+            border.next[edge as usize] = next;
+            border.previous[next as usize] = edge;
+        }
+        for half in 0..opposite.len() as u32 {
+            let (a, b) = (corner(half), corner(next_in_triangle(half)));
+            if border.leaving.contains_key(&a) && border.leaving.contains_key(&b) {
+                border.edges.insert([a.min(b), a.max(b)]);
+            }
+        }
+        border
+    }
+
+    /// Adds the triangle over `edge` with the corner where `leaving` begins. Gives the new open edges.
+    fn glue(&mut self, edge: u32, leaving: u32) -> [Option<u32>; 2] {
+        let (e, g) = (edge as usize, leaving as usize);
+        let (before, after, arriving) = (self.previous[e], self.next[e], self.previous[g]);
+        let (a, b, c) = (self.from[e], self.to[e], self.from[g]);
+        self.close(edge);
+        // Either side of the triangle closes an edge of the border, or is a new one.
+        let first = if before == leaving {
+            self.close(leaving);
+            None
+        } else {
+            Some(self.open_edge(a, c))
+        };
+        let second = if after == arriving {
+            self.close(arriving);
+            None
+        } else {
+            Some(self.open_edge(c, b))
+        };
+        match (first, second) {
+            (Some(x), Some(y)) => {
+                self.link(before, x);
+                self.link(x, leaving);
+                self.link(arriving, y);
+                self.link(y, after);
+            }
+            (Some(x), None) => {
+                self.link(before, x);
+                self.link(x, leaving);
+            }
+            (None, Some(y)) => {
+                self.link(arriving, y);
+                self.link(y, after);
+            }
+            (None, None) => {}
+        }
+        [first, second]
+    }
+
+    fn link(&mut self, first: u32, then: u32) {
+        self.next[first as usize] = then;
+        self.previous[then as usize] = first;
+    }
+
+    fn open_edge(&mut self, from: u32, to: u32) -> u32 {
+        let edge = self.from.len() as u32;
+        self.from.push(from);
+        self.to.push(to);
+        self.next.push(NONE);
+        self.previous.push(NONE);
+        self.open.push(true);
+        self.leaving.entry(from).or_default().push(edge);
+        self.edges.insert([from.min(to), from.max(to)]);
+        edge
+    }
+
+    fn close(&mut self, edge: u32) {
+        self.open[edge as usize] = false;
+        if let Some(leaving) = self.leaving.get_mut(&self.from[edge as usize]) {
+            leaving.retain(|e| *e != edge);
+        }
+    }
+
+    fn joined(&self, a: u32, b: u32) -> bool {
+        self.edges.contains(&[a.min(b), a.max(b)])
+    }
+}
+
+/// The best triangle over an open edge.
+fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Option<Candidate> {
+    let e = edge as usize;
+    let (a, b) = (border.from[e], border.to[e]);
+    let at = |v: u32| cloth.positions[v as usize];
+    let normal_at = |v: u32| cloth.normals[v as usize];
+    let up = unit(add(normal_at(a), normal_at(b)))?;
+    let along = unit(sub(at(b), at(a)))?;
+    let outwards = unit(cross(along, up))?;
+    let middle = scale(0.5, add(at(a), at(b)));
+    let length = distance(at(a), at(b));
+    // Places in the plane of the edge: along it, and outwards.
+    let flat = |p: [f64; 3]| {
+        let d = sub(p, middle);
+        [dot(d, along), dot(d, outwards)]
+    };
+    let (flat_a, flat_b) = ([-0.5 * length, 0.0], [0.5 * length, 0.0]);
+    let before = border.from[border.previous[e] as usize];
+    let after = border.to[border.next[e] as usize];
+
+    let mut near: Vec<(u32, [f64; 2])> = Vec::new();
+    grid.visit(middle, grid.reach + 0.5 * length, |v| {
+        if dot(normal_at(v), up) > 0.0 && !border.leaving[&v].is_empty() {
+            near.push((v, flat(at(v))));
+        }
+    });
+    let mut seen: Vec<(f64, u32)> = Vec::new();
+    for &(c, place) in &near {
+        if c == a || c == b || place[1] < 1e-3 * length {
+            continue;
+        }
+        let (to_a, to_b) = (distance(at(a), at(c)), distance(at(b), at(c)));
+        let reach = cloth.reach[c as usize]
+            .max(cloth.reach[a as usize])
+            .max(cloth.reach[b as usize]);
+        if to_a > reach || to_b > reach {
+            continue;
+        }
+        let Some(normal) = unit(cross(sub(at(a), at(b)), sub(at(c), at(b)))) else {
+            continue;
+        };
+        if [a, b, c].iter().any(|v| dot(normal_at(*v), normal) < SAME_SIDE) {
+            continue;
+        }
+        if !(cloth.may_join)([a, b, c]) {
+            continue;
+        }
+        let cosine = dot(sub(at(a), at(c)), sub(at(b), at(c))) / (to_a * to_b);
+        seen.push((cosine, c));
+    }
+    seen.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+    for (cosine, c) in seen {
+        let place = flat(at(c));
+        for &leaving in &border.leaving[&c] {
+            let arriving = border.previous[leaving as usize];
+            let (is_next, is_previous) = (border.next[e] == arriving, border.previous[e] == leaving);
+            if !is_next && border.joined(b, c) || !is_previous && border.joined(a, c) {
+                continue;
+            }
+            // Within the open sector of all three corners.
+            let (p, n) = (border.from[arriving as usize], border.to[leaving as usize]);
+            let sectors = within(cloth, c, [p, b, a, n])
+                && within(cloth, a, [before, c, b, b])
+                && within(cloth, b, [a, a, c, after]);
+            if !sectors {
+                continue;
+            }
+            let crosses = near.iter().any(|&(v, _)| {
+                border.leaving[&v].iter().any(|&other| {
+                    let w = border.to[other as usize];
+                    if other == edge || dot(normal_at(w), up) <= 0.0 {
+                        return false;
+                    }
+                    let (s, t) = (flat(at(v)), flat(at(w)));
+                    let apart = |x: u32, y: u32| v != x && v != y && w != x && w != y;
+                    apart(a, c) && cross_in_plane(flat_a, place, s, t)
+                        || apart(b, c) && cross_in_plane(flat_b, place, s, t)
+                })
+            });
+            if crosses {
+                continue;
+            }
+            let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+            return Some(Candidate {
+                leaving,
+                radius: length / (2.0 * sine).max(1e-12),
+            });
+        }
+    }
+    None
+}
+
+/// Whether the directions from a vertex to four others come in this order, counter-clockwise about its normal; the first two and the last two may be one.
+fn within(cloth: &Cloth<'_>, vertex: u32, order: [u32; 4]) -> bool {
+    let (at, normal) = (cloth.positions[vertex as usize], cloth.normals[vertex as usize]);
+    let direction = |v: u32| sub(cloth.positions[v as usize], at);
+    let first = direction(order[0]);
+    let x = sub(first, scale(dot(first, normal), normal));
+    let Some(x) = unit(x) else { return false };
+    let y = cross(normal, x);
+    let turn = |v: u32| {
+        let d = direction(v);
+        let angle = dot(d, y).atan2(dot(d, x));
+        if angle < 0.0 {
+            angle + std::f64::consts::TAU
+        } else {
+            angle
+        }
+    };
+    let second = if order[1] == order[0] { 0.0 } else { turn(order[1]) };
+    let third = turn(order[2]);
+    // A border that turns back on itself leaves all directions open.
+    let last = if order[3] == order[0] {
+        std::f64::consts::TAU
+    } else {
+        turn(order[3])
+    };
+    second < third && third <= last
+}
+
+/// Whether two segments of a plane cross in their insides.
+fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
+    let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
+}
+
+/// Border vertices by the cube that they lie in.
+struct Grid {
+    cubes: HashMap<[i32; 3], Vec<(u32, [f64; 3])>>,
+    size: f64,
+    /// The largest reach of a vertex.
+    reach: f64,
+}
+
+impl Grid {
+    fn of(cloth: &Cloth<'_>, vertices: impl Iterator<Item = u32>) -> Self {
+        let mut all: Vec<u32> = vertices.collect();
+        all.sort_unstable();
+        all.dedup();
+        let reach = all.iter().map(|v| cloth.reach[*v as usize]).fold(0.0, f64::max);
+        let mut grid = Self {
+            cubes: HashMap::new(),
+            size: reach.max(f64::MIN_POSITIVE),
+            reach,
+        };
+        for v in all {
+            let place = cloth.positions[v as usize];
+            let cube = grid.cube(place);
+            grid.cubes.entry(cube).or_default().push((v, place));
+        }
+        grid
+    }
+
+    fn cube(&self, p: [f64; 3]) -> [i32; 3] {
+        p.map(|x| (x / self.size).floor() as i32)
+    }
+
+    fn visit(&self, middle: [f64; 3], radius: f64, mut found: impl FnMut(u32)) {
+        let low = self.cube(middle.map(|x| x - radius));
+        let high = self.cube(middle.map(|x| x + radius));
+        for i in low[0]..=high[0] {
+            for j in low[1]..=high[1] {
+                for k in low[2]..=high[2] {
+                    for &(v, place) in self.cubes.get(&[i, j, k]).into_iter().flatten() {
+                        if distance(place, middle) <= radius {
+                            found(v);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! The part of a mesh that is a surface: at most two triangles at an edge, one fan at a vertex.
+//!
+//! Comes in: any triangles. Goes out: those that can be kept, first come first, vertices of several fans once for each fan, and where each vertex came from. Not guaranteed: that nothing crosses, or that
+//! what was left out is small.
+
+use crate::edges::{EdgeTable, is_collapsed};
+use crate::mesh::TriangleMesh;
+
+/// A mesh whose edges and vertices are manifold and oriented.
+#[derive(Debug, Clone)]
+pub(super) struct Manifold {
+    pub mesh: TriangleMesh,
+    /// The vertex of the mesh before.
+    pub source: Vec<u32>,
+    /// Triangles left out.
+    pub dropped: usize,
+}
+
+/// Keeps, at every edge, the first triangle that runs along it each way; then takes fans apart. Unused vertices are left out.
+pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
+    let mut triangles: Vec<[u32; 3]> = mesh.triangles.iter().copied().filter(|t| !is_collapsed(*t)).collect();
+    loop {
+        let table = EdgeTable::of(&triangles);
+        let mut drop = vec![false; triangles.len()];
+        for edge in 0..table.len() {
+            let mut taken = [false; 2];
+            for &half in table.half_edges(edge) {
+                let t = half as usize / 3;
+                let forwards = usize::from(triangles[t][half as usize % 3] == table.ends[edge][0]);
+                if !drop[t] {
+                    drop[t] = taken[forwards];
+                    taken[forwards] = true;
+                }
+            }
+        }
+        let before = triangles.len();
+        let mut at = 0;
+        triangles.retain(|_| {
+            at += 1;
+            !drop[at - 1]
+        });
+        if triangles.len() == before {
+            break;
+        }
+    }
+    let dropped = mesh.triangles.len() - triangles.len();
+    let (triangles, source) = one_fan_each(triangles, mesh.positions.len());
+    let positions = source.iter().map(|&v| mesh.positions[v as usize]).collect();
+    Manifold {
+        mesh: TriangleMesh { positions, triangles },
+        source,
+        dropped,
+    }
+}
+
+/// Triangles over new vertices, one for each fan, and the old vertex of each.
+pub(super) fn one_fan_each(mut triangles: Vec<[u32; 3]>, vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
+    let opposite = opposites(&triangles);
+    let mut new_of_corner = vec![u32::MAX; 3 * triangles.len()];
+    let mut source: Vec<u32> = Vec::with_capacity(vertices);
+    for corner in 0..new_of_corner.len() as u32 {
+        if new_of_corner[corner as usize] != u32::MAX {
+            continue;
+        }
+        let vertex = source.len() as u32;
+        source.push(triangles[corner as usize / 3][corner as usize % 3]);
+        // Round the vertex one way to the border or to where it began, then the other way.
+        let mut at = corner;
+        loop {
+            new_of_corner[at as usize] = vertex;
+            let over = opposite[at as usize];
+            if over == NONE {
+                break;
+            }
+            at = next_in_triangle(over);
+            if at == corner {
+                break;
+            }
+        }
+        let mut at = corner;
+        loop {
+            let over = opposite[previous_in_triangle(at) as usize];
+            if over == NONE || new_of_corner[over as usize] == vertex {
+                break;
+            }
+            at = over;
+            new_of_corner[at as usize] = vertex;
+        }
+    }
+    for (t, corners) in triangles.iter_mut().enumerate() {
+        *corners = std::array::from_fn(|k| new_of_corner[3 * t + k]);
+    }
+    (triangles, source)
+}
+
+/// No half-edge: the border.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the border.
+pub(super) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let table = EdgeTable::of(triangles);
+    let mut opposite = vec![NONE; 3 * triangles.len()];
+    for edge in 0..table.len() {
+        if let [a, b] = *table.half_edges(edge) {
+            opposite[a as usize] = b;
+            opposite[b as usize] = a;
+        }
+    }
+    opposite
+}
+
+/// The half-edge after one in its triangle.
+#[inline]
+pub(super) fn next_in_triangle(half: u32) -> u32 {
+    if half % 3 == 2 { half - 2 } else { half + 1 }
+}
+
+/// The half-edge before one in its triangle.
+#[inline]
+pub(super) fn previous_in_triangle(half: u32) -> u32 {
+    if half.is_multiple_of(3) { half + 2 } else { half - 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitives::{grid_sheet, icosphere};
+
+    #[test]
+    fn what_is_a_surface_stays_as_it_is() {
+        for mesh in [icosphere(1.0, 2), grid_sheet(1.0, 1.0, 4, 5)] {
+            let kept = manifold(&mesh);
+            assert_eq!(kept.dropped, 0);
+            assert_eq!(kept.mesh.check(), mesh.check());
+        }
+    }
+
+    #[test]
+    fn fins_are_left_out_and_cones_tip_to_tip_are_parted() {
+        let positions = (0..8)
+            .map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)])
+            .collect();
+        let mesh =
+            TriangleMesh::try_new(positions, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 5, 6], [6, 6, 7]]).unwrap();
+        let kept = manifold(&mesh);
+        let check = kept.mesh.check();
+        assert!(check.manifold && check.oriented, "{check:?}");
+        assert_eq!((kept.dropped, check.components), (2, 2));
+        assert_eq!(kept.source.iter().filter(|&&v| v == 2).count(), 2);
+    }
+}

@@ -1,0 +1,372 @@
+//! Where patches lie on one another.
+//!
+//! Comes in: patches with σ. Goes out: for every vertex, its feet on the other patches that agree in place and direction (R. Mohr, C. Zhao, G. Koscielny 1994, eq. 1: `|a − b| ≤ ε`, `∠(N_a, N_b) ≤ θ`),
+//! and the common regions. The paper takes the nearest vertex and one ε for all; here it is the nearest point of the other surface, and ε follows from both σ there, unless it is given.
+//!
+//! Not guaranteed: that what lies on one another is one surface; two sides of a sheet thinner than ε are told apart by their normals alone.
+
+use super::Patch;
+use super::border::distance_to_border;
+use crate::check::Sets;
+use crate::mesh::BoundingBox;
+use crate::search::MeshSearch;
+use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+
+/// Three σ: 99.7 % of two measurements of one place are nearer (χ² of one degree of freedom, 9.0).
+const GATE: f64 = 3.0;
+/// The angle that shapes may turn by between two samplings, beside what noise does.
+const SHAPE_ANGLE_RAD: f64 = 0.5;
+/// No θ is larger than this, so that two sides of a thin part are told apart.
+const LARGEST_ANGLE_RAD: f64 = 1.2;
+/// Beyond a border, in edges: nearer vertices are too near to be sewn to it.
+const BESIDE: f64 = 0.5;
+
+/// When two places are one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct OverlapOptions {
+    /// ε, in the unit of the patches; where none is given, three times the σ of the difference.
+    pub epsilon: Option<f64>,
+    /// θ in radians; where none is given, it follows from σ and the length of edges.
+    pub theta_rad: Option<f64>,
+}
+
+/// The foot of a vertex on another patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OverlapFoot {
+    /// The other patch.
+    pub patch: u32,
+    /// Its triangle.
+    pub triangle: u32,
+    /// Weights of the triangle's corners.
+    pub barycentric: [f64; 3],
+    /// How far the foot is along the vertex' own normal.
+    pub height: f64,
+    /// On the border of the other patch: the vertex is beyond it, by less than half an edge.
+    pub beside: bool,
+}
+
+/// What is known of one patch beside the others.
+#[derive(Debug, Clone)]
+pub struct PatchOverlap {
+    /// Unit normals of the vertices.
+    pub normals: Vec<[f64; 3]>,
+    /// σ of the vertices.
+    pub sigma: Vec<f64>,
+    /// How far vertices are from the border of the patch, as far as it matters.
+    pub to_border: Vec<f64>,
+    /// The mean length of the edges at a vertex.
+    pub spacing: Vec<f64>,
+    starts: Vec<u32>,
+    feet: Vec<OverlapFoot>,
+}
+
+/// A common region of two patches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommonRegion {
+    /// Both patches, the lower number first.
+    pub patches: [usize; 2],
+    /// Vertices of either that lie on the other.
+    pub points: usize,
+    /// Root mean square of the heights between both.
+    pub rms: f64,
+}
+
+/// Where patches lie on one another.
+#[derive(Debug, Clone)]
+pub struct Overlap {
+    /// One of each patch.
+    pub patches: Vec<PatchOverlap>,
+    /// Connected regions that two patches share, largest first.
+    pub regions: Vec<CommonRegion>,
+    /// Whether σ was told from the differences between patches, as none was given.
+    pub sigma_estimated: bool,
+}
+
+impl PatchOverlap {
+    /// The feet of a vertex.
+    #[must_use]
+    pub fn feet(&self, vertex: usize) -> &[OverlapFoot] {
+        &self.feet[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+}
+
+impl Overlap {
+    /// Finds what patches share. Cost O(n log n) for n vertices in all.
+    ///
+    /// # Errors
+    /// `Input` for fewer than two patches, one without triangles, σ of another number than vertices, not finite or not positive.
+    pub fn find(patches: &[Patch], options: &OverlapOptions) -> Result<Self> {
+        check(patches, options)?;
+        let searches: Vec<MeshSearch> = patches
+            .par_iter()
+            .map(|p| MeshSearch::try_new(&p.mesh))
+            .collect::<Result<_>>()?;
+        let mut known: Vec<PatchOverlap> = patches.par_iter().map(Self::alone).collect();
+        let estimated = patches.iter().any(|p| p.sigma.is_empty());
+        if estimated {
+            estimate_sigma(patches, &searches, &mut known);
+        }
+        let theta = |of: &PatchOverlap| {
+            options.theta_rad.unwrap_or_else(|| {
+                let (sigma, spacing) = (median(&of.sigma), median(&of.spacing));
+                (SHAPE_ANGLE_RAD + GATE * (2.0 * sigma / spacing).atan()).min(LARGEST_ANGLE_RAD)
+            })
+        };
+        let thetas: Vec<f64> = known.iter().map(theta).collect();
+        let found: Vec<(Vec<u32>, Vec<OverlapFoot>)> = (0..patches.len())
+            .map(|i| feet_of(i, patches, &searches, &known, &thetas, options))
+            .collect();
+        for (known, (starts, feet)) in known.iter_mut().zip(found) {
+            known.starts = starts;
+            known.feet = feet;
+        }
+        let regions = common_regions(patches, &known);
+        Ok(Self {
+            patches: known,
+            regions,
+            sigma_estimated: estimated,
+        })
+    }
+
+    fn alone(patch: &Patch) -> PatchOverlap {
+        let mesh = &patch.mesh;
+        let (mut sum, mut count) = (vec![0.0; mesh.positions.len()], vec![0_u32; mesh.positions.len()]);
+        for t in &mesh.triangles {
+            for k in 0..3 {
+                let (a, b) = (t[k] as usize, t[(k + 1) % 3] as usize);
+                let length = distance(mesh.positions[a], mesh.positions[b]);
+                for v in [a, b] {
+                    sum[v] += length;
+                    count[v] += 1;
+                }
+            }
+        }
+        let spacing: Vec<f64> = sum
+            .iter()
+            .zip(&count)
+            .map(|(s, n)| s / f64::from((*n).max(1)))
+            .collect();
+        let limit = 2.0 * super::TAPER * median(&spacing);
+        PatchOverlap {
+            normals: mesh.vertex_normals(),
+            sigma: patch.sigma.clone(),
+            to_border: distance_to_border(mesh, limit),
+            spacing,
+            starts: vec![0; mesh.positions.len() + 1],
+            feet: Vec::new(),
+        }
+    }
+}
+
+fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
+    if patches.len() < 2 {
+        return Err(Error::input(format!(
+            "merging takes two patches or more, found {}",
+            patches.len()
+        )));
+    }
+    for (at, patch) in patches.iter().enumerate() {
+        patch
+            .mesh
+            .sanity_check()
+            .map_err(|e| Error::input(format!("patch {at}: {e}")))?;
+        if patch.mesh.triangles.is_empty() {
+            return Err(Error::input(format!(
+                "patch {at} has no triangles: there is nothing to merge"
+            )));
+        }
+        if !patch.sigma.is_empty() && patch.sigma.len() != patch.mesh.positions.len() {
+            return Err(Error::input(format!(
+                "patch {at} has {} vertices and {} values of sigma",
+                patch.mesh.positions.len(),
+                patch.sigma.len()
+            )));
+        }
+        if let Some(v) = patch.sigma.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
+            return Err(Error::input(format!(
+                "patch {at}, vertex {v}: sigma must be positive and finite, found {}",
+                patch.sigma[v]
+            )));
+        }
+    }
+    for (name, value, largest) in [
+        ("epsilon", options.epsilon, f64::MAX),
+        ("theta", options.theta_rad, std::f64::consts::FRAC_PI_2),
+    ] {
+        if value.is_some_and(|x| !(x > 0.0 && x <= largest)) {
+            return Err(Error::input(format!(
+                "{name} must be positive (theta at most 90 degrees)"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// One σ for all vertices of patches without: what the heights between neighbours show, half of the variance each.
+fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
+    const MOST: usize = 20_000;
+    for i in 0..patches.len() {
+        if !patches[i].sigma.is_empty() {
+            continue;
+        }
+        let spacing = median(&known[i].spacing);
+        let step = (patches[i].mesh.positions.len() / MOST).max(1);
+        let heights: Vec<f64> = (0..patches[i].mesh.positions.len())
+            .into_par_iter()
+            .step_by(step)
+            .flat_map_iter(|v| {
+                let (known, p) = (&known[i], patches[i].mesh.positions[v]);
+                (0..patches.len()).filter(move |j| *j != i).filter_map(move |j| {
+                    let foot =
+                        searches[j].closest_compatible_within(p, known.normals[v], SHAPE_ANGLE_RAD, 2.0 * spacing)?;
+                    (!foot.on_boundary).then(|| dot(sub(foot.point, p), known.normals[v]).abs())
+                })
+            })
+            .collect();
+        // The median of |x| of a normal distribution is 0.6745 σ. A tenth of the rounding of a float keeps σ above nothing.
+        let spread = if heights.is_empty() {
+            0.1 * spacing
+        } else {
+            median(&heights) / 0.6745
+        };
+        let size = patches[i].mesh.bounding_box().map_or(1.0, |b| b.diagonal());
+        let sigma = (spread / 2.0_f64.sqrt()).max(1e-8 * size);
+        known[i].sigma = vec![sigma; patches[i].mesh.positions.len()];
+    }
+}
+
+fn feet_of(
+    i: usize,
+    patches: &[Patch],
+    searches: &[MeshSearch],
+    known: &[PatchOverlap],
+    thetas: &[f64],
+    options: &OverlapOptions,
+) -> (Vec<u32>, Vec<OverlapFoot>) {
+    let largest: Vec<f64> = known
+        .iter()
+        .map(|k| k.sigma.iter().copied().fold(0.0, f64::max))
+        .collect();
+    let boxes: Vec<Option<BoundingBox>> = patches.iter().map(|p| p.mesh.bounding_box()).collect();
+    let mine = &known[i];
+    let of_vertex = |v: usize| -> Vec<OverlapFoot> {
+        let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
+        let mut feet = Vec::new();
+        for j in (0..patches.len()).filter(|j| *j != i) {
+            let beside = BESIDE * mine.spacing[v];
+            let most = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
+            let reach = most.max(beside);
+            let inside = boxes[j].is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
+            if !inside {
+                continue;
+            }
+            let theta = thetas[i].max(thetas[j]);
+            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, most.hypot(beside)) else {
+                continue;
+            };
+            let sigma_there = patches[j]
+                .mesh
+                .interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
+            let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
+            let to = sub(foot.point, p);
+            let height = dot(to, n);
+            let aside = norm(cross(to, n));
+            let found = if foot.on_boundary {
+                height.abs() <= epsilon && aside <= beside
+            } else {
+                foot.distance <= epsilon
+            };
+            if found {
+                feet.push(OverlapFoot {
+                    patch: j as u32,
+                    triangle: foot.triangle,
+                    barycentric: foot.barycentric,
+                    height,
+                    beside: foot.on_boundary && aside > 1e-6 * mine.spacing[v],
+                });
+            }
+        }
+        feet
+    };
+    let all: Vec<Vec<OverlapFoot>> = (0..patches[i].mesh.positions.len())
+        .into_par_iter()
+        .map(of_vertex)
+        .collect();
+    let mut starts = Vec::with_capacity(all.len() + 1);
+    let mut feet = Vec::with_capacity(all.iter().map(Vec::len).sum());
+    starts.push(0);
+    for of_vertex in all {
+        feet.extend(of_vertex);
+        starts.push(feet.len() as u32);
+    }
+    (starts, feet)
+}
+
+/// Regions that two patches share, connected along the edges of the lower one.
+fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
+    let mut regions = Vec::new();
+    for i in 0..patches.len() {
+        for j in i + 1..patches.len() {
+            let on = |k: usize, other: usize, v: usize| {
+                known[k]
+                    .feet(v)
+                    .iter()
+                    .find(|f| f.patch as usize == other && !f.beside)
+                    .copied()
+            };
+            let mine: Vec<Option<OverlapFoot>> = (0..patches[i].mesh.positions.len()).map(|v| on(i, j, v)).collect();
+            if mine.iter().all(Option::is_none) {
+                continue;
+            }
+            let mut label = Sets::new(mine.len());
+            for t in &patches[i].mesh.triangles {
+                for k in 0..3 {
+                    let (a, b) = (t[k], t[(k + 1) % 3]);
+                    if mine[a as usize].is_some() && mine[b as usize].is_some() {
+                        label.join(a, b);
+                    }
+                }
+            }
+            // Points of the other patch count in the region that their feet are in.
+            let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
+            for (v, foot) in mine.iter().enumerate() {
+                if let Some(foot) = foot {
+                    let sum = sums.entry(label.root(v as u32)).or_default();
+                    sum.0 += 1;
+                    sum.1 += foot.height * foot.height;
+                }
+            }
+            for v in 0..patches[j].mesh.positions.len() {
+                if let Some(foot) = on(j, i, v) {
+                    let corner = patches[i].mesh.triangles[foot.triangle as usize]
+                        .into_iter()
+                        .find(|c| mine[*c as usize].is_some());
+                    if let Some(corner) = corner {
+                        let sum = sums.entry(label.root(corner)).or_default();
+                        sum.0 += 1;
+                        sum.1 += foot.height * foot.height;
+                    }
+                }
+            }
+            regions.extend(sums.into_values().map(|(points, squares)| CommonRegion {
+                patches: [i, j],
+                points,
+                rms: (squares / points as f64).sqrt(),
+            }));
+        }
+    }
+    regions.sort_by(|a, b| b.points.cmp(&a.points).then(a.patches.cmp(&b.patches)));
+    regions
+}
+
+/// The value in the middle; infinite without values.
+pub(super) fn median(values: &[f64]) -> f64 {
+    let mut finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    if finite.is_empty() {
+        return f64::INFINITY;
+    }
+    let middle = finite.len() / 2;
+    *finite.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,140 @@
+use super::*;
+use crate::primitives::{grid_sheet, icosphere};
+use crate::search::MeshSearch;
+use planish_estimate::vector3::{norm, unit};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A ball turned about an axis, and the part of it on one side of a plane.
+fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh {
+    let mut ball = icosphere(10.0, subdivisions);
+    let (s, c) = turn.sin_cos();
+    for p in &mut ball.positions {
+        *p = [c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]];
+        let [x, y, z] = *p;
+        *p = [x, c * y - s * z, s * y + c * z];
+    }
+    ball.triangles.retain(|t| {
+        t.iter()
+            .all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= least)
+    });
+    ball
+}
+
+fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Overlap, Zipped) {
+    let patches: Vec<Patch> = meshes
+        .iter()
+        .map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().0)
+        .collect();
+    let overlap = Overlap::find(&patches, options).unwrap();
+    let fused = fused(&patches, &overlap);
+    let zipped = zipped(&patches, &overlap, &fused, &ZipOptions::default()).unwrap();
+    (overlap, zipped)
+}
+
+#[test]
+fn two_caps_of_a_ball_close_it() {
+    let meshes = [cap(0.3, [0.0, 0.0, 1.0], -2.0, 5), cap(1.1, [0.0, 0.0, -1.0], -2.0, 5)];
+    let (overlap, zipped) = merge(&meshes, 0.02, &OverlapOptions::default());
+    let check = zipped.mesh.check();
+    assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
+    assert_eq!(check.euler_characteristic, 2);
+    assert_eq!(overlap.regions.len(), 1);
+    for p in &zipped.mesh.positions {
+        assert!((norm(*p) - 10.0).abs() < 0.02, "{p:?}");
+    }
+    assert!(
+        zipped.valence.iter().skip(8).sum::<usize>() == 0,
+        "{:?}",
+        zipped.valence
+    );
+}
+
+#[test]
+fn six_noisy_patches_of_a_ball_close_it_and_sigma_is_true() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let sigma = 0.03;
+    let axes = [
+        [1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+    ];
+    let mut meshes: Vec<TriangleMesh> = axes
+        .iter()
+        .enumerate()
+        .map(|(k, axis)| cap(0.2 + 0.37 * k as f64, *axis, 4.0, 5))
+        .collect();
+    for mesh in &mut meshes {
+        for p in &mut mesh.positions {
+            let noise: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+            *p = add_scaled(*p, sigma * noise, unit(*p).unwrap());
+        }
+    }
+    let (_, zipped) = merge(&meshes, sigma, &OverlapOptions::default());
+    let check = zipped.mesh.check();
+    assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
+    let squares: f64 = zipped
+        .mesh
+        .positions
+        .iter()
+        .zip(&zipped.sigma)
+        .map(|(p, s)| ((norm(*p) - 10.0) / s).powi(2))
+        .sum::<f64>()
+        / zipped.mesh.positions.len() as f64;
+    assert!((0.7..1.3).contains(&squares), "{squares}");
+}
+
+#[test]
+fn sheets_side_by_side_become_one_and_the_outline_stays() {
+    let mut left = grid_sheet(10.0, 10.0, 41, 41);
+    let mut right = grid_sheet(10.0, 10.0, 34, 34);
+    for p in &mut left.positions {
+        p[0] -= 4.0;
+    }
+    for p in &mut right.positions {
+        p[0] += 4.0;
+        p[2] += 0.01;
+    }
+    let (_, zipped) = merge(&[left.clone(), right], 0.01, &OverlapOptions::default());
+    let check = zipped.mesh.check();
+    assert!(
+        check.manifold && check.oriented && check.boundary_loops == 1 && check.components == 1,
+        "{check:?}"
+    );
+    assert!((zipped.mesh.area() - 180.0).abs() < 1.0, "{}", zipped.mesh.area());
+    let search = MeshSearch::try_new(&zipped.mesh).unwrap();
+    for p in &left.positions {
+        assert!(search.closest(*p).unwrap().distance < 0.2, "{p:?}");
+    }
+}
+
+#[test]
+fn a_patch_twice_or_inside_another_changes_nothing() {
+    let sheet = grid_sheet(10.0, 10.0, 31, 31);
+    let small = grid_sheet(3.0, 3.0, 17, 17);
+    let (_, zipped) = merge(&[sheet.clone(), sheet.clone(), small], 0.01, &OverlapOptions::default());
+    assert_eq!(zipped.mesh.triangles.len(), sheet.triangles.len());
+    assert!((zipped.mesh.area() - 100.0).abs() < 1e-9);
+}
+
+#[test]
+fn bad_patches_are_named() {
+    let patch = |sigma: Vec<f64>| Patch {
+        mesh: grid_sheet(1.0, 1.0, 3, 3),
+        sigma,
+    };
+    let said = |patches: &[Patch]| {
+        Overlap::find(patches, &OverlapOptions::default())
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(said(&[patch(vec![])]).contains("two patches"));
+    assert!(said(&[patch(vec![]), patch(vec![0.1; 3])]).contains("patch 1"));
+    let mut sigma = vec![0.1; patch(vec![]).mesh.positions.len()];
+    sigma[3] = f64::NAN;
+    assert!(said(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
+    assert!(said(&[patch(vec![]), Patch::default()]).contains("no triangles"));
+}
