@@ -1,6 +1,7 @@
 //! The command line, as clap reads it: every option, its unit, its default, and an example that runs.
 
 use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
+use crate::merge_args::MergeArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -53,6 +54,8 @@ pub enum Command {
     Contour(ContourArgs),
     /// Say what a file holds
     Info(InfoArgs),
+    /// Merge surface patches that overlap into one whole mesh
+    Merge(MergeArgs),
     /// Say where to measure next, so that a model becomes better known
     Next(NextArgs),
     /// Turn two or three views of a drawing into solids
@@ -1062,7 +1065,7 @@ fn number(text: &str) -> Result<f64, String> {
     text.parse::<f64>().map_err(|_| "needed a number".to_owned())
 }
 
-fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, String> {
+pub fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, String> {
     match number(text)? {
         value if value.is_finite() && good(value) => Ok(value),
         _ => Err(format!("needed {needed}")),

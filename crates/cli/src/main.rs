@@ -11,6 +11,8 @@ mod contour_args;
 mod failure;
 mod fit;
 mod info;
+mod merge;
+mod merge_args;
 mod next;
 mod numbers;
 mod progress;
@@ -35,6 +37,7 @@ fn main() -> ExitCode {
         Command::Sense(args) => sense::run(&args),
         Command::Contour(args) => contour::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Next(args) => next::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),

@@ -48,5 +48,5 @@ pub use primitives::{cylinder, grid_sheet, icosphere};
 pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
-pub use triangle::Feature;
+pub use triangle::{Feature, triangle_shape};
 pub use visibility::{DepthBuffer, Projected, Seen};

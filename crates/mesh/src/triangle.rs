@@ -58,6 +58,17 @@ pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
     })
 }
 
+/// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best, infinite without area.
+#[must_use]
+pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
+    let smallest = angles(corners).into_iter().fold(f64::INFINITY, f64::min);
+    let longest = (0..3)
+        .map(|k| norm(sub(corners[(k + 1) % 3], corners[k])))
+        .fold(0.0, f64::max);
+    let doubled = norm(area_vector(corners));
+    (smallest, longest * longest / doubled)
+}
+
 /// `Σ b_k corner_k`.
 #[inline]
 pub(crate) fn point_at(t: &[[f64; 3]; 3], barycentric: [f64; 3]) -> [f64; 3] {

@@ -12,6 +12,7 @@ pub mod fit;
 pub mod fit_files;
 pub mod graphs;
 pub mod info;
+pub mod merge;
 pub mod mesh_output;
 pub mod model;
 pub mod next;

@@ -71,7 +71,7 @@ impl OutputFormat {
 
 impl OutputFormat {
     /// Whether it holds triangles.
-    fn is_mesh(self) -> bool {
+    pub fn is_mesh(self) -> bool {
         matches!(self, Self::Ply | Self::Obj | Self::Stl | Self::Glb)
     }
 }

@@ -4,6 +4,7 @@
 //! topology does not allow.
 
 use super::manifold::{NONE, next_in_triangle, opposites, previous_in_triangle};
+use crate::triangle::triangle_shape;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::HashSet;
 
@@ -75,7 +76,7 @@ pub(super) fn even_out(positions: &[[f64; 3]], triangles: &mut [[u32; 3]], free:
             continue;
         }
         let least = |all: [[u32; 3]; 2]| {
-            all.map(|t| least_angle(t.map(at)))
+            all.map(|t| triangle_shape(&t.map(at)).0)
                 .into_iter()
                 .fold(f64::INFINITY, f64::min)
         };
@@ -113,13 +114,6 @@ pub(super) fn even_out(positions: &[[f64; 3]], triangles: &mut [[u32; 3]], free:
         queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
     }
     turns
-}
-
-/// The smallest angle of a triangle, in radians.
-fn least_angle(corners: [[f64; 3]; 3]) -> f64 {
-    crate::triangle::angles(&corners)
-        .into_iter()
-        .fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
@@ -161,7 +155,12 @@ mod tests {
         assert!(turns > 0 && mesh.check().manifold && mesh.check().oriented);
         assert!((mesh.area() - area).abs() < 1e-12);
         let over = |valence: &[u32]| valence.iter().filter(|v| **v > 6).count();
-        assert!(20 * over(&after) < over(&before), "{} and {}", over(&after), over(&before));
+        assert!(
+            20 * over(&after) < over(&before),
+            "{} and {}",
+            over(&after),
+            over(&before)
+        );
     }
 
     #[test]

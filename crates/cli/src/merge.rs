@@ -1,0 +1,176 @@
+//! `planish merge`.
+
+use crate::merge_args::MergeArgs;
+use crate::numbers::{count, significant};
+use crate::report::{self, Align, Lines, Summary};
+use planish::merge::{MergeOptions, MergeReport, merge_files, plan_merged, write_merged};
+use planish::progress::Progress;
+use planish::{Result, Unit};
+use serde::Serialize;
+
+/// So many regions are shown.
+const SHOWN: usize = 10;
+
+/// The keys of `merge` beside the common ones.
+#[derive(Serialize)]
+struct Body {
+    #[serde(flatten)]
+    report: MergeReport,
+    termination: &'static str,
+}
+
+/// Runs the command; returns the exit code.
+pub fn run(args: &MergeArgs) -> u8 {
+    report::run("merge", &args.common, |progress| work(args, progress))
+}
+
+fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    plan_merged(&args.output, &args.patches)?;
+    let options = MergeOptions {
+        unit: args.common.unit.map(Unit::from),
+        mesh_tolerance: args.mesh_tolerance,
+        epsilon: args.epsilon,
+        theta_deg: args.theta,
+        fill: args.fill,
+    };
+    let merged = merge_files(&args.patches, &options, progress)?;
+    for path in &args.output {
+        write_merged(&merged, path, progress)?;
+    }
+    let report = merged.report;
+    Ok(Summary {
+        text: text(args, &report),
+        unit: Some(report.unit),
+        inputs: report.inputs.clone(),
+        outputs: args.output.clone(),
+        warnings: report.warnings.clone(),
+        body: Body {
+            report,
+            termination: "converged",
+        },
+    })
+}
+
+fn text(args: &MergeArgs, report: &MergeReport) -> String {
+    let mut lines = Lines::default();
+    let unit = report.unit;
+    lines.line(format!(
+        "Merged {} patches into {} triangles and {} vertices{}.",
+        report.patches.len(),
+        count(report.triangles),
+        count(report.vertices),
+        if report.watertight { ", watertight" } else { "" }
+    ));
+    lines.gap();
+    let sigma = &report.sigma;
+    let mut fact = |name: &str, text: String| lines.line(format!("  {name:<17} {text}"));
+    fact(
+        "σ",
+        format!(
+            "median {} {unit}, 95 % below {} {unit}, largest {} {unit}{}",
+            significant(sigma.median, 3),
+            significant(sigma.p95, 3),
+            significant(sigma.max, 3),
+            if report.sigma_estimated {
+                " (told from how patches differ)"
+            } else {
+                ""
+            }
+        ),
+    );
+    fact(
+        "topology",
+        format!(
+            "{} {}, {} open edges, {} edges of three triangles and more",
+            report.parts,
+            if report.parts == 1 { "part" } else { "parts" },
+            count(report.boundary_edges),
+            report.nonmanifold_edges
+        ),
+    );
+    let most = report.valence.iter().skip(7).sum::<usize>();
+    fact(
+        "seams",
+        format!(
+            "{} triangles, {} holes closed; {} of {} vertices have more than six edges",
+            count(report.stitched_triangles),
+            count(report.holes_closed),
+            count(most),
+            count(report.valence.iter().sum())
+        ),
+    );
+    if let Some(q) = &report.quality {
+        fact(
+            "triangles",
+            format!(
+                "smallest angle {:.1}° in the median, 99 % above {:.1}°; longest edge over height {:.2} in the median, 99 % below {}",
+                q.smallest_angle_median_deg,
+                q.smallest_angle_p1_deg,
+                q.aspect_median,
+                significant(q.aspect_p99, 3)
+            ),
+        );
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = report
+        .patches
+        .iter()
+        .enumerate()
+        .map(|(k, p)| {
+            vec![
+                k.to_string(),
+                p.name.clone(),
+                count(p.triangles),
+                count(p.vertices_kept),
+                significant(p.sigma, 3),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("patch", Align::Right),
+            ("from", Align::Left),
+            ("triangles", Align::Right),
+            ("vertices kept", Align::Right),
+            ("σ", Align::Right),
+        ],
+        &rows,
+    );
+    lines.gap();
+    let rows: Vec<Vec<String>> = report
+        .regions
+        .iter()
+        .take(SHOWN)
+        .map(|r| {
+            vec![
+                format!("{} and {}", r.patches[0], r.patches[1]),
+                count(r.points),
+                significant(r.rms, 3),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("common regions of", Align::Left),
+            ("points", Align::Right),
+            ("rms between them", Align::Right),
+        ],
+        &rows,
+    );
+    if report.regions.len() > SHOWN {
+        lines.line(format!(
+            "and {} smaller ones (--json names all)",
+            count(report.regions.len() - SHOWN)
+        ));
+    }
+    if args.output.is_empty() {
+        lines.gap();
+        lines.line("Nothing was written: give -o FILE.");
+    } else {
+        lines.gap();
+        for path in &args.output {
+            lines.line(format!("Wrote {}", path.display()));
+        }
+    }
+    lines.into_text()
+}

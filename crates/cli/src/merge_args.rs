@@ -1,0 +1,48 @@
+//! Arguments of `planish merge`.
+
+use crate::args::{CommonArgs, positive, whole, within};
+use clap::{Args, ValueHint};
+use std::path::PathBuf;
+
+const MERGE_EXAMPLES: &str = "\
+Examples:
+  planish merge left.planish right.planish -o whole.ply
+  planish merge shared/scans/bun.conf -o bunny.ply --json
+  planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
+
+Patches are saved models, meshes with faces, and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \
+one where they are nearer than ε and their normals differ by less than θ; both follow from σ unless they are given. A mesh states σ in \
+a column `sigma`; where nothing states it, it is told from how patches differ. Where patches share a place, all of them say where the \
+surface is, each with the weight of its information. Then each place is given to one patch, and the gaps are sewn: no edge has \
+more than two triangles, whatever came in.";
+
+/// Arguments of `planish merge`.
+#[derive(Debug, Args)]
+#[command(after_help = MERGE_EXAMPLES)]
+pub struct MergeArgs {
+    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .glb), scans in rows and columns, lists of scans (.conf, .toml)
+    #[arg(value_name = "PATCH", required = true, value_hint = ValueHint::FilePath)]
+    pub patches: Vec<PathBuf>,
+    /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl); may be repeated
+    #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Vec<PathBuf>,
+    /// ε: places nearer than this may be one, as a length [default: three σ of their difference]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub epsilon: Option<f64>,
+    /// θ: normals of one place differ by less, in degrees [default: by σ and the length of edges, at most 69]
+    #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true)]
+    pub theta: Option<f64>,
+    /// Close holes of up to so many edges, those of the patches too
+    #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
+    pub fill: usize,
+    /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub mesh_tolerance: Option<f64>,
+    /// Options that every command has.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+fn right_angle(text: &str) -> Result<f64, String> {
+    within(text, "an angle above 0 and up to 90 degrees", |v| v > 0.0 && v <= 90.0)
+}

@@ -1,0 +1,403 @@
+//! Surface patches that overlap, merged into one mesh.
+//!
+//! Comes in: saved models, meshes and organised scans in one frame. Goes out: one manifold mesh with σ and `observed`, and a [`MergeReport`].
+//!
+//! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
+//!
+//! Not guaranteed: that patches in frames of their own come together; align them first.
+
+mod patches;
+
+pub use patches::{NamedPatch, PatchSet, read_patches};
+
+use crate::output::plan_outputs;
+use crate::progress::{Progress, WRITING_STAGE};
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
+use planish_mesh::{
+    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, zipped,
+};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// So many vertices of a patch tell whether it is turned over.
+const LOOKED_AT: usize = 2000;
+
+/// How patches are merged.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MergeOptions {
+    /// Unit of files that name none.
+    pub unit: Option<Unit>,
+    /// How far the mesh of a model may leave its surface; half its median σ where none is given.
+    pub mesh_tolerance: Option<f64>,
+    /// ε: places nearer than this are one; three σ of their difference where none is given.
+    pub epsilon: Option<f64>,
+    /// θ in degrees: normals of one place differ by less.
+    pub theta_deg: Option<f64>,
+    /// Holes of up to so many edges are closed.
+    pub fill: usize,
+}
+
+/// A region that two patches share.
+#[derive(Debug, Clone, Serialize, PartialEq)]
+pub struct RegionReport {
+    /// Both patches, counted from 0 in the order of [`MergeReport::patches`].
+    pub patches: [usize; 2],
+    /// Vertices of either that lie on the other.
+    pub points: usize,
+    /// Root mean square of the heights between both, before they were merged.
+    pub rms: f64,
+}
+
+/// What was merged.
+#[derive(Debug, Clone, Serialize)]
+pub struct PatchReport {
+    /// Its file or scan.
+    pub name: String,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Vertices in the whole.
+    pub vertices_kept: usize,
+    /// Whether it was turned over, as it faced the other way than the patches that it lies on.
+    pub turned_over: bool,
+    /// Median of its σ; estimated where none was stated.
+    pub sigma: f64,
+}
+
+/// The shapes of triangles.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct TriangleQuality {
+    /// Median of their smallest angles, in degrees.
+    pub smallest_angle_median_deg: f64,
+    /// The smallest angle that 99 of 100 exceed, in degrees.
+    pub smallest_angle_p1_deg: f64,
+    /// Longest edge over height on it: the median, and what 99 of 100 stay below. 1.15 is best.
+    pub aspect_median: f64,
+    /// As above.
+    pub aspect_p99: f64,
+}
+
+/// What came of a merge.
+#[derive(Debug, Clone, Serialize)]
+pub struct MergeReport {
+    /// Vertices of the whole.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Edges of one triangle.
+    pub boundary_edges: usize,
+    /// Edges of three and more: none, by construction.
+    pub nonmanifold_edges: usize,
+    /// Whether nothing is open.
+    pub watertight: bool,
+    /// Connected parts.
+    pub parts: usize,
+    /// Common regions, largest first.
+    pub regions: Vec<RegionReport>,
+    /// What was merged.
+    pub patches: Vec<PatchReport>,
+    /// Whether σ was told from how patches differ where none was stated.
+    pub sigma_estimated: bool,
+    /// Quantiles of σ of the whole.
+    pub sigma: MergedSigma,
+    /// Triangles that sew patches together.
+    pub stitched_triangles: usize,
+    /// Holes closed.
+    pub holes_closed: usize,
+    /// `valence[n]`: vertices of seams where n edges meet.
+    pub valence: Vec<usize>,
+    /// The shapes of all triangles.
+    pub quality: Option<TriangleQuality>,
+    /// Files read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Unit of every length.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Quantiles over vertices.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct MergedSigma {
+    /// Median.
+    pub median: f64,
+    /// 95 of 100 are below.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// A merged mesh.
+#[derive(Debug, Clone)]
+pub struct Merged {
+    /// Positions and triangles.
+    pub mesh: TriangleMesh,
+    /// Unit normals of the vertices.
+    pub normals: Vec<[f64; 3]>,
+    /// σ along them.
+    pub sigma: Vec<f64>,
+    /// 1 where it was measured, 2 where it was completed.
+    pub observed: Vec<u8>,
+    /// What came of it.
+    pub report: MergeReport,
+}
+
+/// Merges files: [`read_patches`], then [`merge`].
+///
+/// # Errors
+/// As both.
+pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
+    progress.check("reading", 0.0)?;
+    let set = read_patches(paths, options.unit, options.mesh_tolerance)?;
+    merge(set, options, progress)
+}
+
+/// Merges patches.
+///
+/// # Errors
+/// `Input` for fewer than two patches and for options that are not positive; `Undetermined` where no two patches overlap; `Interrupted` when told to stop.
+pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
+    let PatchSet {
+        patches: named,
+        unit,
+        inputs,
+        mut warnings,
+    } = set;
+    let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
+    for patch in named.iter().filter(|p| p.dropped > 0) {
+        warnings.push(format!(
+            "{}: {} triangles were left out, as other triangles have their edges already",
+            patch.name, patch.dropped
+        ));
+    }
+    let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
+    let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
+    progress.check("finding what patches share", 0.1)?;
+    let turned = turn_alike(&mut patches)?;
+    for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
+        warnings.push(format!(
+            "{name} faced the other way than the patches that it lies on: it was turned over"
+        ));
+    }
+    let overlap = Overlap::find(
+        &patches,
+        &OverlapOptions {
+            epsilon: options.epsilon,
+            theta_rad: options.theta_deg.map(f64::to_radians),
+        },
+    )?;
+    let unit = unit.unwrap_or(Unit::Millimetre);
+    if overlap.regions.is_empty() {
+        return Err(Error::undetermined(format!(
+            "no two of the {} patches overlap: {}; check that they share one frame and unit, or give a larger --epsilon",
+            patches.len(),
+            nearest(&patches, &names, unit)?
+        )));
+    }
+    for (k, name) in names.iter().enumerate() {
+        if !overlap.regions.iter().any(|r| r.patches.contains(&k)) {
+            warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
+        }
+    }
+    progress.check("fusing", 0.6)?;
+    let fused = fused(&patches, &overlap);
+    progress.check("sewing", 0.7)?;
+    let sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill: options.fill })?;
+    progress.check("checking", 0.95)?;
+    let check = sewn.mesh.check();
+    let mut kept = vec![0; patches.len()];
+    for (patch, _) in &sewn.source {
+        kept[*patch as usize] += 1;
+    }
+    let median = |values: &[f64]| {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        quantile_of_sorted(&sorted, 0.5)
+    };
+    let mut sorted = sewn.sigma.clone();
+    sorted.sort_by(f64::total_cmp);
+    let report = MergeReport {
+        vertices: check.vertices,
+        triangles: check.triangles,
+        boundary_edges: check.boundary_edges,
+        nonmanifold_edges: check.nonmanifold_edges,
+        watertight: check.watertight,
+        parts: check.components,
+        regions: overlap
+            .regions
+            .iter()
+            .map(|r| RegionReport {
+                patches: r.patches,
+                points: r.points,
+                rms: r.rms,
+            })
+            .collect(),
+        patches: (0..patches.len())
+            .map(|k| PatchReport {
+                name: names[k].clone(),
+                triangles: patches[k].mesh.triangles.len(),
+                vertices_kept: kept[k],
+                turned_over: turned[k],
+                sigma: median(&overlap.patches[k].sigma),
+            })
+            .collect(),
+        sigma_estimated: overlap.sigma_estimated,
+        sigma: MergedSigma {
+            median: quantile_of_sorted(&sorted, 0.5),
+            p95: quantile_of_sorted(&sorted, 0.95),
+            max: quantile_of_sorted(&sorted, 1.0),
+        },
+        stitched_triangles: check.triangles - sewn.kept,
+        holes_closed: sewn.holes_closed,
+        valence: sewn.valence.clone(),
+        quality: quality(&sewn.mesh),
+        inputs,
+        unit,
+        warnings,
+    };
+    let observed = sewn
+        .source
+        .iter()
+        .map(|(p, v)| observed[*p as usize].get(*v as usize).copied().unwrap_or(1))
+        .collect();
+    Ok(Merged {
+        normals: sewn.mesh.vertex_normals(),
+        sigma: sewn.sigma,
+        observed,
+        mesh: sewn.mesh,
+        report,
+    })
+}
+
+/// Checks, before any work, that outputs can be written: meshes, in other files than the inputs.
+///
+/// # Errors
+/// `Unsupported` for other formats; `Input` for one name twice or that of an input; `Io` where nothing can be written.
+pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
+    for planned in plan_outputs(outputs, inputs)? {
+        if !planned.format.is_mesh() {
+            return Err(Error::unsupported(format!(
+                "{}: a merged surface is a mesh: needed .ply, .glb, .obj or .stl",
+                planned.path.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Writes a merged mesh in the format of the path's extension.
+///
+/// # Errors
+/// As [`write_mesh`].
+pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Result<()> {
+    progress.check(WRITING_STAGE, 0.97)?;
+    write_mesh(
+        path,
+        &MeshColumns {
+            points: &merged.mesh.positions,
+            normals: Some(&merged.normals),
+            columns: vec![
+                ("sigma", Column::F64(&merged.sigma)),
+                ("observed", Column::U8(&merged.observed)),
+            ],
+            triangles: &merged.mesh.triangles,
+            unit: Some(merged.report.unit),
+        },
+    )
+}
+
+/// Turns patches so that those that lie on one another face the same way, the largest as it is. Gives which were turned.
+fn turn_alike(patches: &mut [Patch]) -> Result<Vec<bool>> {
+    let searches: Vec<MeshSearch> = patches
+        .iter()
+        .map(|p| MeshSearch::try_new(&p.mesh))
+        .collect::<Result<_>>()?;
+    let count = patches.len();
+    // Sums of the cosines between normals of near places.
+    let mut agree = vec![0.0; count * count];
+    for i in 0..count {
+        let mesh = &patches[i].mesh;
+        let normals = mesh.vertex_normals();
+        let step = (mesh.positions.len() / LOOKED_AT).max(1);
+        let reach = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
+        for v in (0..mesh.positions.len()).step_by(step) {
+            for j in (0..count).filter(|j| *j != i) {
+                if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)
+                    && !foot.on_boundary
+                {
+                    let cosine = dot(normals[v], foot.normal);
+                    agree[i * count + j] += cosine;
+                    agree[j * count + i] += cosine;
+                }
+            }
+        }
+    }
+    // The surest neighbour of what is settled comes next.
+    let mut turned: Vec<Option<bool>> = vec![None; count];
+    while let Some(first) = (0..count)
+        .filter(|k| turned[*k].is_none())
+        .max_by_key(|k| patches[*k].mesh.triangles.len())
+    {
+        turned[first] = Some(false);
+        loop {
+            let mut best: Option<(f64, usize, bool)> = None;
+            for k in (0..count).filter(|k| turned[*k].is_none()) {
+                let sum: f64 = (0..count)
+                    .filter_map(|j| Some(agree[k * count + j] * if turned[j]? { -1.0 } else { 1.0 }))
+                    .sum();
+                if sum != 0.0 && best.is_none_or(|(most, ..)| sum.abs() > most) {
+                    best = Some((sum.abs(), k, sum < 0.0));
+                }
+            }
+            let Some((_, k, over)) = best else { break };
+            turned[k] = Some(over);
+        }
+    }
+    let turned: Vec<bool> = turned.into_iter().map(|t| t == Some(true)).collect();
+    for (patch, _) in patches.iter_mut().zip(&turned).filter(|(_, t)| **t) {
+        for t in &mut patch.mesh.triangles {
+            t.swap(1, 2);
+        }
+    }
+    Ok(turned)
+}
+
+/// How near patches come that do not overlap, in words.
+fn nearest(patches: &[Patch], names: &[String], unit: Unit) -> Result<String> {
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (j, there) in patches.iter().enumerate() {
+        let search = MeshSearch::try_new(&there.mesh)?;
+        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
+            let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
+            for p in here.mesh.positions.iter().step_by(step) {
+                if let Some(foot) = search.closest(*p)
+                    && best.is_none_or(|(d, ..)| foot.distance < d)
+                {
+                    best = Some((foot.distance, i, j));
+                }
+            }
+        }
+    }
+    Ok(match best {
+        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
+        None => "they have no places".to_owned(),
+    })
+}
+
+fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {
+    let (mut angles, mut aspects): (Vec<f64>, Vec<f64>) = (0..mesh.triangles.len())
+        .map(|t| planish_mesh::triangle_shape(&mesh.corners(t)))
+        .unzip();
+    angles.sort_by(f64::total_cmp);
+    aspects.sort_by(f64::total_cmp);
+    (!angles.is_empty()).then(|| TriangleQuality {
+        smallest_angle_median_deg: quantile_of_sorted(&angles, 0.5).to_degrees(),
+        smallest_angle_p1_deg: quantile_of_sorted(&angles, 0.01).to_degrees(),
+        aspect_median: quantile_of_sorted(&aspects, 0.5),
+        aspect_p99: quantile_of_sorted(&aspects, 0.99),
+    })
+}

@@ -1,0 +1,247 @@
+//! What can be merged, read from files: saved models, meshes, organised scans.
+//!
+//! Comes in: paths. Goes out: patches in one frame and unit, with σ where files state it. Not guaranteed: that frames agree where no pose was given.
+
+use crate::compare::{Compared, ComparedMesh};
+use crate::mesh_output::mesh_from_model;
+use crate::model::Observed;
+use crate::saved;
+use planish_estimate::vector3::{cross, distance, dot, sub};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::is_mesh_file;
+use planish_exchange::{PosedScan, Unit, extension, read_inputs};
+use planish_mesh::{Patch, TriangleMesh};
+use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
+use std::path::{Path, PathBuf};
+
+/// Triangles of a scan with an edge longer than so many times its median edge span a step in depth.
+const STEP: f64 = 4.0;
+
+/// A patch and where it is from.
+#[derive(Debug, Clone)]
+pub struct NamedPatch {
+    /// The file, and the scan in it where there are several.
+    pub name: String,
+    /// The surface.
+    pub patch: Patch,
+    /// Triangles left out because an edge had two already.
+    pub dropped: usize,
+    /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were measured.
+    pub observed: Vec<u8>,
+}
+
+/// Patches, and what else their files said.
+#[derive(Debug, Clone, Default)]
+pub struct PatchSet {
+    /// The patches, in the order of the files.
+    pub patches: Vec<NamedPatch>,
+    /// Unit of every length.
+    pub unit: Option<Unit>,
+    /// Every file that was read.
+    pub inputs: Vec<PathBuf>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), organised scans and lists of them. `chord` is how far the mesh of a model may leave its surface; half its median σ where none is given.
+///
+/// Lengths in other units are turned into those of the first file that names one; `unit` is that of files that name none.
+///
+/// # Errors
+/// As the readers; `Input` for points without a surface, and for a model nothing of which was measured.
+pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -> Result<PatchSet> {
+    let mut set = PatchSet::default();
+    let mut read: Vec<(NamedPatch, Option<Unit>)> = Vec::new();
+    for path in paths {
+        let name = path.display().to_string();
+        match extension(path).as_str() {
+            "planish" => {
+                set.inputs.push(path.clone());
+                let model = saved::load(path)?;
+                let mesh =
+                    mesh_from_model(&model, &model.posterior()?, chord).map_err(|e| e.in_context(path.display()))?;
+                let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
+                read.push((
+                    of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?,
+                    Some(mesh.unit),
+                ));
+            }
+            _ if is_mesh_file(path) && has_faces(path)? => {
+                set.inputs.push(path.clone());
+                let Compared::Mesh(mesh) = Compared::read(path)? else {
+                    continue;
+                };
+                let ComparedMesh {
+                    mesh,
+                    sigma,
+                    observed,
+                    unit,
+                } = mesh;
+                let known: Vec<bool> = match &observed {
+                    Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
+                    None => vec![true; mesh.positions.len()],
+                };
+                let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
+                let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
+                read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, unit));
+            }
+            _ => {
+                let scans = read_inputs(&[path], unit)?;
+                set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
+                for posed in &scans.scans {
+                    let sensor = scans.sensors.get(posed.sensor);
+                    read.push((of_scan(path, posed, sensor)?, scans.unit));
+                }
+            }
+        }
+    }
+    set.unit = read.iter().find_map(|(_, unit)| *unit).or(unit);
+    for (mut patch, of_file) in read {
+        if let (Some(from), Some(to)) = (of_file, set.unit)
+            && from != to
+        {
+            let factor = from.millimetres() / to.millimetres();
+            for p in &mut patch.patch.mesh.positions {
+                *p = p.map(|x| factor * x);
+            }
+            for s in &mut patch.patch.sigma {
+                *s *= factor;
+            }
+            set.warnings
+                .push(format!("{}: turned from {from} into {to}", patch.name));
+        }
+        set.patches.push(patch);
+    }
+    Ok(set)
+}
+
+fn has_faces(path: &Path) -> Result<bool> {
+    Ok(!planish_exchange::mesh::read_mesh(path)?.triangles.is_empty())
+}
+
+/// The manifold part of the triangles whose corners are known.
+fn of_mesh(name: String, mesh: &TriangleMesh, sigma: &[f64], known: &[bool], observed: &[u8]) -> Result<NamedPatch> {
+    let seen = TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles: mesh
+            .triangles
+            .iter()
+            .copied()
+            .filter(|t| t.iter().all(|v| known[*v as usize]))
+            .collect(),
+    };
+    if seen.triangles.is_empty() {
+        return Err(Error::input(format!(
+            "{name}: nothing of it was measured: there is nothing to merge"
+        )));
+    }
+    let (patch, dropped, source) = Patch::tidy(&seen, sigma).map_err(|e| e.in_context(&name))?;
+    let observed = match observed.is_empty() {
+        true => Vec::new(),
+        false => source.iter().map(|v| observed[*v as usize]).collect(),
+    };
+    Ok(NamedPatch {
+        name,
+        patch,
+        dropped,
+        observed,
+    })
+}
+
+fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<NamedPatch> {
+    let scan = &posed.scan;
+    let name = match scan.name.is_empty() {
+        true => path.display().to_string(),
+        false => scan.name.clone(),
+    };
+    let Some(grid) = &scan.grid else {
+        return Err(Error::input(format!(
+            "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), found {} loose points: fit them first with `planish fit`",
+            scan.points.len()
+        )));
+    };
+    let mut triangles = triangles_of_grid(grid, &scan.points);
+    face_the_sensor(&mut triangles, &scan.points, scan.viewing);
+    let mesh = TriangleMesh::try_new(
+        scan.points.iter().map(|p| scan.world_from_scanner.apply(*p)).collect(),
+        triangles,
+    )
+    .map_err(|e| e.in_context(&name))?;
+    let sigma = sigma_of_points(scan, sensor, &mesh);
+    let known = vec![true; mesh.positions.len()];
+    of_mesh(name, &mesh, &sigma, &known, &[])
+}
+
+/// σ along the normals, where points or their sensor state it.
+fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) -> Vec<f64> {
+    if let Some(sigma) = &scan.sigma {
+        return sigma.clone();
+    }
+    let normals = mesh.vertex_normals();
+    let back = scan.world_from_scanner.inverse();
+    let along = |k: usize, covariance: &[f64; 6]| variance_along(covariance, back.rotate(normals[k])).max(0.0).sqrt();
+    if let Some(covariance) = &scan.covariance {
+        return covariance.iter().enumerate().map(|(k, c)| along(k, c)).collect();
+    }
+    let Some(noise) = sensor.and_then(|s| s.noise) else {
+        return Vec::new();
+    };
+    (0..scan.points.len())
+        .map(|k| along(k, &noise.covariance(ray_at(scan.viewing, scan.points[k]))))
+        .collect()
+}
+
+/// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
+fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
+    let mut triangles = Vec::new();
+    let at = |k: usize| points[k];
+    for row in 0..grid.rows.saturating_sub(1) {
+        for column in 0..grid.columns.saturating_sub(1) {
+            let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| grid.point(column + i, row + j));
+            match corners {
+                [Some(a), Some(b), Some(c), Some(d)] => {
+                    if distance(at(a), at(c)) <= distance(at(b), at(d)) {
+                        triangles.extend([[a, b, c], [a, c, d]]);
+                    } else {
+                        triangles.extend([[a, b, d], [b, c, d]]);
+                    }
+                }
+                _ => {
+                    let there: Vec<usize> = corners.into_iter().flatten().collect();
+                    if let [a, b, c] = there[..] {
+                        triangles.push([a, b, c]);
+                    }
+                }
+            }
+        }
+    }
+    let longest = |t: &[usize; 3]| {
+        (0..3)
+            .map(|k| distance(at(t[k]), at(t[(k + 1) % 3])))
+            .fold(0.0, f64::max)
+    };
+    let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
+    if lengths.is_empty() {
+        return Vec::new();
+    }
+    let middle = lengths.len() / 2;
+    let typical = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
+    triangles.retain(|t| longest(t) <= STEP * typical);
+    triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
+}
+
+/// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid runs.
+fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Viewing) {
+    let against: f64 = triangles
+        .iter()
+        .filter_map(|t| {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            Some(dot(ray_at(viewing, a)?, cross(sub(b, a), sub(c, a))))
+        })
+        .sum();
+    if against > 0.0 {
+        for t in triangles {
+            t.swap(1, 2);
+        }
+    }
+}
