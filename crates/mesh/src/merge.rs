@@ -17,6 +17,7 @@ mod valence;
 
 pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap};
 
+use crate::check::Sets;
 use crate::mesh::TriangleMesh;
 use front::{Cloth, sew};
 use loops::close_loops;
@@ -29,6 +30,10 @@ use rayon::prelude::*;
 pub(crate) const TAPER: f64 = 5.0;
 /// Vertices are sewn to others up to so many edges away.
 const REACH: f64 = 3.5;
+/// Edges so many steps from the seams may be turned.
+const BESIDE_SEAMS: usize = 3;
+/// Parts of no more triangles are left out.
+const SMALLEST_PART: usize = 12;
 /// Holes of the seam with more edges are not closed.
 const LONGEST_SEAM_HOLE: usize = 60;
 
@@ -178,8 +183,8 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
     }
     let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
     let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
-    // Cutting may leave fans that meet in a vertex.
-    let (mut triangles, vertex) = one_fan_each(triangles, count);
+    // Fans that meet in a vertex after cutting may be sewn together again: they are taken apart last.
+    let vertex = renumber(&mut triangles, count);
     let source: Vec<(u32, u32)> = vertex
         .iter()
         .map(|&v| {
@@ -218,38 +223,34 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         },
         &mut triangles,
     );
-    let (sewn, again) = one_fan_each(triangles, positions.len());
-    let mut triangles = sewn;
-    let pick = |from: &[[f64; 3]]| -> Vec<[f64; 3]> { again.iter().map(|v| from[*v as usize]).collect() };
-    let (positions, normals) = (pick(&positions), pick(&normals));
-    let source: Vec<(u32, u32)> = again.iter().map(|v| source[*v as usize]).collect();
-    let was_border: Vec<bool> = again.iter().map(|v| was_border[*v as usize]).collect();
-    let reach: Vec<f64> = again.iter().map(|v| reach[*v as usize]).collect();
     let of_seam = |hole: &[u32]| {
+        let [first, rest @ ..] = hole else { return false };
         let cut = hole.iter().any(|v| !was_border[*v as usize])
-            || hole.iter().any(|v| source[*v as usize].0 != source[hole[0] as usize].0);
-        let edges = || (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
-        let length: f64 = edges()
+            || rest.iter().any(|v| source[*v as usize].0 != source[*first as usize].0);
+        let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
+        let length: f64 = edges
             .map(|[a, b]| distance(positions[a as usize], positions[b as usize]))
             .sum();
         let most = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
         // Once round a hole that could have been sewn across.
         hole.len() <= options.fill || cut && length <= 4.0 * most
     };
-    let holes_closed = close_loops(
-        &positions,
-        &normals,
-        &mut triangles,
-        LONGEST_SEAM_HOLE.max(options.fill),
-        of_seam,
-    );
+    let longest = LONGEST_SEAM_HOLE.max(options.fill);
+    let holes_closed = close_loops(&positions, &normals, &mut triangles, longest, of_seam);
+    let (mut triangles, again) = one_fan_each(triangles, positions.len());
+    let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
+    let kept = drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
+    let left = renumber(&mut triangles, again.len());
+    let of_old: Vec<u32> = left.into_iter().map(|v| again[v as usize]).collect();
+    let positions: Vec<[f64; 3]> = of_old.iter().map(|v| positions[*v as usize]).collect();
+    let source: Vec<(u32, u32)> = of_old.iter().map(|v| source[*v as usize]).collect();
     let mut stitched = vec![false; positions.len()];
     for t in &triangles[kept..] {
         for v in t {
             stitched[*v as usize] = true;
         }
     }
-    let turned = valence::even_out(&positions, &mut triangles, &stitched);
+    let turned = valence::even_out(&positions, &mut triangles, &stitched, BESIDE_SEAMS);
     let mut histogram = Vec::new();
     for (v, n) in valence::valences(&triangles, positions.len()).into_iter().enumerate() {
         if stitched[v] {
@@ -268,6 +269,40 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         turned,
         valence: histogram,
     })
+}
+
+/// Numbers the vertices in use anew, in their order; gives the old number of each.
+fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
+    let mut used = vec![false; count];
+    for v in triangles.iter().flatten() {
+        used[*v as usize] = true;
+    }
+    let old: Vec<u32> = (0..count as u32).filter(|v| used[*v as usize]).collect();
+    let mut new = vec![0; count];
+    for (n, &v) in old.iter().enumerate() {
+        new[v as usize] = n as u32;
+    }
+    for t in triangles {
+        *t = t.map(|v| new[v as usize]);
+    }
+    old
+}
+
+/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or single wrong readings. Gives how many of the first `kept` triangles are left.
+fn drop_fragments(triangles: &mut Vec<[u32; 3]>, kept: usize, vertices: usize, smallest: usize) -> usize {
+    let mut parts = Sets::new(vertices);
+    for t in triangles.iter() {
+        parts.join(t[0], t[1]);
+        parts.join(t[0], t[2]);
+    }
+    let mut size = vec![0_usize; vertices];
+    for t in triangles.iter() {
+        size[parts.root(t[0]) as usize] += 1;
+    }
+    let mut stays = |t: &[u32; 3]| size[parts.root(t[0]) as usize] > smallest;
+    let left = triangles[..kept].iter().filter(|t| stays(t)).count();
+    triangles.retain(stays);
+    left
 }
 
 #[cfg(test)]

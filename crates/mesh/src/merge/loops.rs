@@ -7,7 +7,10 @@ use super::manifold::{NONE, next_in_triangle, opposites};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::HashSet;
 
-/// Loops of a border: the vertices in the direction of the triangles along them.
+/// A triangle that faces the other way than its corners counts so many times its area.
+const FOLDED: f64 = 4.0;
+
+/// Loops of a border, none by a vertex twice: the vertices in the direction of the triangles along them.
 pub(super) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let opposite = opposites(triangles);
     let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
@@ -30,9 +33,30 @@ pub(super) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
                 break;
             }
         }
-        loops.push(vertices);
+        simple_loops(vertices, &mut loops);
     }
     loops
+}
+
+/// A loop that comes by a vertex twice is two loops.
+fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
+    let mut way: Vec<u32> = Vec::with_capacity(vertices.len());
+    let mut on_way: HashSet<u32> = HashSet::new();
+    for v in vertices {
+        if on_way.contains(&v) {
+            let at = way.iter().position(|w| *w == v).unwrap_or(0);
+            let part = way.split_off(at);
+            for w in &part[1..] {
+                on_way.remove(w);
+            }
+            way.push(v);
+            loops.push(part);
+        } else {
+            on_way.insert(v);
+            way.push(v);
+        }
+    }
+    loops.push(way);
 }
 
 /// Closes loops of at most `longest` edges for which `may_close` holds. Gives how many.
@@ -57,10 +81,16 @@ pub(super) fn close_loops(
             }
         }
     }
+    // The border of a lone triangle is no hole.
+    let alone: HashSet<[u32; 3]> = triangles
+        .iter()
+        .filter(|t| t.iter().all(|v| on_loop.contains(v)))
+        .map(|t| sorted(*t))
+        .collect();
     let mut closed = 0;
     for vertices in loops {
-        let mut repeated = HashSet::new();
-        if !vertices.iter().all(|v| repeated.insert(*v)) {
+        let lone = vertices.len() == 3 && alone.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
+        if lone {
             continue;
         }
         if let Some(cover) = least_cover(positions, normals, &vertices, &edges) {
@@ -74,6 +104,11 @@ pub(super) fn close_loops(
         }
     }
     closed
+}
+
+fn sorted(mut t: [u32; 3]) -> [u32; 3] {
+    t.sort_unstable();
+    t
 }
 
 /// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop.
@@ -91,8 +126,8 @@ fn least_cover(
     let cost = |i: usize, j: usize, k: usize| {
         // Seen against the loop: k, j, i.
         let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
-        let turned = [i, j, k].iter().any(|v| dot(normals[vertices[*v] as usize], up) < 0.0);
-        norm(up) * if turned { 4.0 } else { 1.0 }
+        let facing: f64 = [i, j, k].iter().map(|v| dot(normals[vertices[*v] as usize], up)).sum();
+        norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
     };
     let free = |i: usize, j: usize| {
         let (a, b) = (vertices[i], vertices[j]);
