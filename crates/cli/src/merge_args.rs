@@ -7,7 +7,7 @@ use std::path::PathBuf;
 const MERGE_EXAMPLES: &str = "\
 Examples:
   planish merge left.planish right.planish -o whole.ply
-  planish merge shared/scans/bun.conf -o bunny.ply --json
+  planish merge bun.conf -o bunny.ply --json
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
 Patches are saved models, meshes with faces, and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \

@@ -1,0 +1,137 @@
+//! `planish merge`, from files to files.
+
+mod support;
+
+use std::fmt::Write;
+use std::path::Path;
+use support::planish;
+
+/// A part of a ball of radius 10 between two latitudes as OBJ, its rows turned by some degrees, facing inwards where asked for.
+fn zone(path: &Path, from_deg: f64, to_deg: f64, turn_deg: f64, scale: f64, inwards: bool) {
+    const AROUND: usize = 72;
+    const ROWS: usize = 30;
+    let mut text = String::new();
+    for row in 0..=ROWS {
+        let latitude = (from_deg + (to_deg - from_deg) * row as f64 / ROWS as f64).to_radians();
+        for column in 0..AROUND {
+            let longitude = (turn_deg + 360.0 * column as f64 / AROUND as f64).to_radians();
+            let (r, z) = (10.0 * scale * latitude.cos(), 10.0 * scale * latitude.sin());
+            writeln!(text, "v {} {} {}", r * longitude.cos(), r * longitude.sin(), z).expect("text");
+        }
+    }
+    for row in 0..ROWS {
+        for column in 0..AROUND {
+            let at = |i: usize, j: usize| 1 + (row + i) * AROUND + (column + j) % AROUND;
+            let mut square = [[at(0, 0), at(0, 1), at(1, 1)], [at(0, 0), at(1, 1), at(1, 0)]];
+            if inwards {
+                square.iter_mut().for_each(|t| t.swap(1, 2));
+            }
+            for [a, b, c] in square {
+                writeln!(text, "f {a} {b} {c}").expect("text");
+            }
+        }
+    }
+    std::fs::write(path, text).expect("a file");
+}
+
+#[test]
+fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("low.obj"), -80.0, 20.0, 0.0, 1.0, false);
+    zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
+    let said = planish(
+        folder.path(),
+        &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"],
+    )
+    .ok();
+    let found = said.json();
+    // The two poles stay open: nobody saw them.
+    assert_eq!(found["boundary_edges"], 144, "{found:#}");
+    assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
+    assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
+    assert!(said.stderr.contains("turned over"), "{}", said.stderr);
+    let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
+    assert_eq!(
+        (&read["manifold"], &read["components"]),
+        (&true.into(), &1.into()),
+        "{read:#}"
+    );
+    let area = read["area"].as_f64().expect("a number");
+    let exact = 2.0 * std::f64::consts::PI * 100.0 * 2.0 * 80_f64.to_radians().sin();
+    assert!((area / exact - 1.0).abs() < 0.01, "{area}, {exact}");
+    // Asked for, the poles are closed.
+    let filled = planish(
+        folder.path(),
+        &["merge", "low.obj", "high.obj", "--fill", "72", "--json"],
+    )
+    .ok()
+    .json();
+    assert_eq!(
+        (&filled["watertight"], &filled["holes_closed"]),
+        (&true.into(), &2.into()),
+        "{filled:#}"
+    );
+}
+
+#[test]
+fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, from, to) in [("a", -60.0, 30.0), ("b", -30.0, 60.0)] {
+        zone(&folder.path().join("zone.obj"), from, to, 0.7, 1.0, false);
+        let text = std::fs::read_to_string(folder.path().join("zone.obj")).expect("text");
+        let vertices: Vec<&str> = text.lines().filter_map(|l| l.strip_prefix("v ")).collect();
+        let faces: Vec<Vec<usize>> = text
+            .lines()
+            .filter_map(|l| l.strip_prefix("f "))
+            .map(|l| {
+                l.split(' ')
+                    .map(|k| k.parse::<usize>().expect("a number") - 1)
+                    .collect()
+            })
+            .collect();
+        let mut ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            vertices.len(),
+            faces.len()
+        );
+        for v in vertices {
+            writeln!(ply, "{v} 0.02").expect("text");
+        }
+        for f in faces {
+            writeln!(ply, "3 {} {} {}", f[0], f[1], f[2]).expect("text");
+        }
+        std::fs::write(folder.path().join(format!("{name}.ply")), ply).expect("a file");
+    }
+    let found = planish(folder.path(), &["merge", "a.ply", "b.ply", "--json"])
+        .ok()
+        .json();
+    assert_eq!(found["sigma_estimated"], false);
+    let sigma = |key: &str| found["sigma"][key].as_f64().expect("a number");
+    assert!((sigma("max") - 0.02).abs() < 1e-12, "{found:#}");
+    let read = found["patches"][0]["sigma"].as_f64().expect("a number");
+    assert!((read - 0.02).abs() < 1e-12);
+}
+
+#[test]
+fn what_cannot_be_merged_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 10.0, 0.0, 1.0, false);
+    zone(&path("far.obj"), -60.0, 10.0, 0.0, 2.0, false);
+    std::fs::write(path("points.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("a file");
+    for (line, code, words) in [
+        ("merge a.obj -o w.ply", 2, "two patches"),
+        ("merge a.obj far.obj -o w.ply", 1, "overlap"),
+        ("merge a.obj points.xyz -o w.ply", 2, "loose points"),
+        ("merge a.obj far.obj -o w.step", 2, "a mesh"),
+        ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
+        ("merge a.obj none.obj", 3, "none.obj"),
+        ("merge a.obj far.obj --theta 120", 2, "90"),
+        ("merge a.obj far.obj --epsilon 0", 2, "above 0"),
+    ] {
+        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(said.code, code, "{line}: {}", said.stderr);
+        assert!(said.stderr.contains(words), "{line}: {}", said.stderr);
+        assert!(!path("w.ply").exists(), "{line}");
+    }
+}
