@@ -1,7 +1,8 @@
 //! Arguments of `planish merge`.
 
 use crate::args::{CommonArgs, positive, whole, within};
-use clap::{Args, ValueHint};
+use clap::{Args, ValueEnum, ValueHint};
+use planish::merge::MergeMethod;
 use std::path::PathBuf;
 
 const MERGE_EXAMPLES: &str = "\
@@ -16,6 +17,28 @@ a column `sigma`; where nothing states it, it is told from how patches differ. W
 surface is, each with the weight of its information. Then each place is given to one patch, and the gaps are sewn: no edge has \
 more than two triangles, whatever came in.";
 
+/// How shared places are fused.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--method` explains them"
+)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MethodName {
+    Information,
+    Refit,
+    Mean,
+}
+
+impl From<MethodName> for MergeMethod {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::Information => Self::Information,
+            MethodName::Refit => Self::Refit,
+            MethodName::Mean => Self::Mean,
+        }
+    }
+}
+
 /// Arguments of `planish merge`.
 #[derive(Debug, Args)]
 #[command(after_help = MERGE_EXAMPLES)]
@@ -26,6 +49,9 @@ pub struct MergeArgs {
     /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl); may be repeated
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
+    /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t = MethodName::Information)]
+    pub method: MethodName,
     /// ε: places nearer than this may be one, as a length [default: three σ of their difference]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub epsilon: Option<f64>,

@@ -41,7 +41,8 @@ pub use check::MeshCheck;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
 pub use merge::{
-    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused, zipped,
+    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused, taper,
+    zipped,
 };
 pub use mesh::{BoundingBox, TriangleMesh};
 pub use primitives::{cylinder, grid_sheet, icosphere};

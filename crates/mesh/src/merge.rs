@@ -107,26 +107,30 @@ pub struct Zipped {
     pub valence: Vec<usize>,
 }
 
+/// The weight of a place of a patch: nothing at the border, one from five edges on, smooth between; one where there is no border.
+#[must_use]
+pub fn taper(to_border: f64, spacing: f64) -> f64 {
+    // Infinitely far times no weight of a corner is no number.
+    if to_border.is_nan() {
+        return 1.0;
+    }
+    let t = (to_border / (TAPER * spacing).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
 /// Vertices moved along their normals to where all patches together see the surface.
 ///
 /// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, `h` the height over the vertex, and `t` from nothing at the border of a patch to one in its middle, so that no step is left where a patch ends. Errors of different patches are
 /// taken as independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The order of the patches does not matter.
 #[must_use]
 pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
-    let taper = |of: &PatchOverlap, to_border: f64, spacing: f64| {
-        if of.to_border.first().is_some_and(|d| d.is_infinite()) && to_border.is_infinite() {
-            return 1.0;
-        }
-        let t = (to_border / (TAPER * spacing).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
-    };
     patches
         .iter()
         .zip(&overlap.patches)
         .map(|(patch, mine)| {
             let at = |v: usize| {
                 let variance = mine.sigma[v] * mine.sigma[v];
-                let own = taper(mine, mine.to_border[v], mine.spacing[v]).max(1e-6);
+                let own = taper(mine.to_border[v], mine.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
                 for foot in mine.feet(v).iter().filter(|f| !f.beside) {
                     let (other, theirs) = (
@@ -135,7 +139,7 @@ pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
                     );
                     let read = |values: &[f64]| other.interpolate(values, foot.triangle as usize, foot.barycentric);
                     let sigma = read(&theirs.sigma);
-                    let t = taper(theirs, read(&theirs.to_border), read(&theirs.spacing));
+                    let t = taper(read(&theirs.to_border), read(&theirs.spacing));
                     let w = t / (sigma * sigma);
                     weight += w;
                     squares += t * w;

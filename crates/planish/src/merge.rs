@@ -6,12 +6,14 @@
 //!
 //! Not guaranteed: that patches in frames of their own come together; align them first.
 
+mod common_surface;
 mod patches;
 
 pub use patches::{NamedPatch, PatchSet, read_patches};
 
 use crate::output::plan_outputs;
-use crate::progress::{Progress, WRITING_STAGE};
+use crate::progress::{Part, Progress, WRITING_STAGE};
+use common_surface::{Refit, refitted};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -25,9 +27,24 @@ use std::path::{Path, PathBuf};
 /// So many vertices of a patch tell whether it is turned over.
 const LOOKED_AT: usize = 2000;
 
+/// How shared places are fused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MergeMethod {
+    /// One spline by the information of all patches, and of what lies around; what moves goes to nothing where a patch ends.
+    #[default]
+    Information,
+    /// One spline through the shared places, all alike, as the paper does; σ from what is left.
+    Refit,
+    /// The mean by information, place by place, without a spline.
+    Mean,
+}
+
 /// How patches are merged.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MergeOptions {
+    /// How shared places are fused.
+    pub method: MergeMethod,
     /// Unit of files that name none.
     pub unit: Option<Unit>,
     /// How far the mesh of a model may leave its surface; half its median σ where none is given.
@@ -82,6 +99,8 @@ pub struct TriangleQuality {
 /// What came of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
+    /// How shared places were fused.
+    pub method: MergeMethod,
     /// Vertices of the whole.
     pub vertices: usize,
     /// Its triangles.
@@ -203,8 +222,14 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
         }
     }
-    progress.check("fusing", 0.6)?;
-    let fused = fused(&patches, &overlap);
+    progress.check("fusing", 0.4)?;
+    let mean = fused(&patches, &overlap);
+    let part = Part::new(progress, 0.4, 0.7);
+    let fused = match options.method {
+        MergeMethod::Information => refitted(&patches, &overlap, mean, Refit::Information, &part)?,
+        MergeMethod::Refit => refitted(&patches, &overlap, mean, Refit::Shared, &part)?,
+        MergeMethod::Mean => mean,
+    };
     progress.check("sewing", 0.7)?;
     let sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill: options.fill })?;
     progress.check("checking", 0.95)?;
@@ -221,6 +246,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let mut sorted = sewn.sigma.clone();
     sorted.sort_by(f64::total_cmp);
     let report = MergeReport {
+        method: options.method,
         vertices: check.vertices,
         triangles: check.triangles,
         boundary_edges: check.boundary_edges,

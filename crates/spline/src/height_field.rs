@@ -1,0 +1,433 @@
+//! Bicubic height fields over scattered points, as smooth as the points bear out.
+//!
+//! Comes in: heights over places of a plane, each with its information. Goes out: a uniform bicubic B-spline (R. Mohr, C. Zhao, G. Koscielny, *Fusion of 3D B-spline surface patches*, 1994, eq. 3)
+//!
+//! `F(x, y) = Σ_ij α_ij B_i(x) B_j(y)`, the least of `Σ w_k (F(x_k, y_k) − z_k)² + τ ∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` (their eq. 4, and a term of second order), lengths in cells,
+//!
+//! with its covariance. Their energy alone is nothing for `3 (m + 3) + 3 (n + 3) − 9` functions: all quadratics of x with any spline of y for coefficients, and the reverse. Where the places leave gaps that makes
+//! the system singular; with the second term only planes are free. τ is the weight that makes the heights most likely (REML).
+//!
+//! Not guaranteed: anything outside of the places' box; that one cell is fine enough for the shape.
+
+use crate::basis::cubic;
+use planish_estimate::sparse::{
+    BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SelectedInverse, SymbolicFactor,
+};
+use planish_estimate::{
+    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
+};
+use std::sync::Arc;
+
+/// `ε`: the term of second order beside that of sixth.
+const SECOND_ORDER: f64 = 1e-2;
+/// More control heights than this are a slip: the cell is too small.
+const MOST_CELLS: usize = 250_000;
+/// Gauss–Legendre on `[0, 1]`, exact to degree seven: products of cubics have six.
+const NODES: [(f64, f64); 4] = [
+    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
+
+/// A height over a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeightReading {
+    /// The place in the plane.
+    pub place: [f64; 2],
+    /// The height over it.
+    pub height: f64,
+    /// One over its variance.
+    pub information: f64,
+}
+
+/// A height, its slopes and its variance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Height {
+    /// `F(x, y)`.
+    pub height: f64,
+    /// `∂F/∂x`, `∂F/∂y`.
+    pub slope: [f64; 2],
+    /// The posterior variance of the height.
+    pub variance: f64,
+}
+
+/// A bicubic height field with its covariance.
+#[derive(Debug, Clone)]
+pub struct HeightField {
+    origin: [f64; 2],
+    cell: f64,
+    cells: [usize; 2],
+    coefficients: Vec<f64>,
+    covariance: SelectedInverse,
+    /// τ, in cells.
+    pub weight: f64,
+    /// The scale of all covariances: one where it was taken as known.
+    pub dispersion: f64,
+}
+
+impl HeightField {
+    /// The most likely field over cells of a given side.
+    ///
+    /// Cost: some twenty sparse factorisations of `(m + 3)(n + 3)` unknowns.
+    ///
+    /// # Errors
+    /// `Input` for fewer than four readings, what is not finite or not positive, or more than a quarter of a million cells; `Undetermined` where all places lie in a line.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::Dispersion;
+    /// use planish_spline::{HeightField, HeightReading};
+    /// let readings: Vec<HeightReading> = (0..400)
+    ///     .map(|k| {
+    ///         let (x, y) = (f64::from(k % 20), f64::from(k / 20));
+    ///         HeightReading { place: [x, y], height: 0.02 * x * x - 0.1 * y, information: 1e4 }
+    ///     })
+    ///     .collect();
+    /// let field = HeightField::fit(&readings, 2.5, Dispersion::Known(1.0))?;
+    /// let middle = field.at([9.3, 8.1]).expect("a place among the readings");
+    /// assert!((middle.height - (0.02 * 9.3 * 9.3 - 0.81)).abs() < 0.01 && middle.variance < 1e-4);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    pub fn fit(readings: &[HeightReading], cell: f64, dispersion: Dispersion) -> Result<Self> {
+        if !(cell > 0.0 && cell.is_finite()) {
+            return Err(Error::input(format!(
+                "the side of a cell must be positive, found {cell}"
+            )));
+        }
+        if readings.len() < 4 {
+            return Err(Error::input(format!(
+                "a height field takes four heights or more, found {}",
+                readings.len()
+            )));
+        }
+        let bad = |r: &HeightReading| {
+            !(r.place.iter().all(|x| x.is_finite())
+                && r.height.is_finite()
+                && r.information > 0.0
+                && r.information.is_finite())
+        };
+        if let Some(at) = readings.iter().position(bad) {
+            return Err(Error::input(format!(
+                "height {at}: a finite place and height and a positive information are needed, found {:?}",
+                readings[at]
+            )));
+        }
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for r in readings {
+            for k in 0..2 {
+                low[k] = low[k].min(r.place[k]);
+                high[k] = high[k].max(r.place[k]);
+            }
+        }
+        let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
+        if sides[0] * sides[1] > MOST_CELLS as f64 {
+            return Err(Error::input(format!(
+                "cells of side {cell} are {} × {} of them: needed at most {MOST_CELLS}",
+                sides[0], sides[1]
+            )));
+        }
+        let cells = sides.map(|s| s as usize);
+        let mut field = Grid {
+            origin: low,
+            cell,
+            cells,
+        };
+        // Centred, so that the places at both ends are in cells.
+        for k in 0..2 {
+            field.origin[k] -= 0.5 * (cells[k] as f64 * cell - (high[k] - low[k]));
+        }
+        field.solve(readings, dispersion)
+    }
+
+    /// The height over a place; `None` outside of the cells.
+    #[must_use]
+    pub fn at(&self, place: [f64; 2]) -> Option<Height> {
+        let grid = Grid {
+            origin: self.origin,
+            cell: self.cell,
+            cells: self.cells,
+        };
+        let (nodes, local) = grid.locate(place)?;
+        let [x, y] = local.map(cubic);
+        let weights = |ox: usize, oy: usize| -> [f64; 16] { std::array::from_fn(|k| x[ox][k % 4] * y[oy][k / 4]) };
+        let sum = |w: &[f64; 16]| -> f64 {
+            nodes
+                .iter()
+                .zip(w)
+                .map(|(n, w)| w * self.coefficients[*n as usize])
+                .sum()
+        };
+        let value = weights(0, 0);
+        let covariance = self.covariance.dense(&nodes)?;
+        let mut variance = 0.0;
+        for i in 0..16 {
+            for j in 0..16 {
+                variance += value[i] * covariance[16 * i + j] * value[j];
+            }
+        }
+        Some(Height {
+            height: sum(&value),
+            slope: [sum(&weights(1, 0)) / self.cell, sum(&weights(0, 1)) / self.cell],
+            variance: self.dispersion * variance.max(0.0),
+        })
+    }
+}
+
+/// The cells of a field.
+struct Grid {
+    origin: [f64; 2],
+    cell: f64,
+    cells: [usize; 2],
+}
+
+impl Grid {
+    /// The sixteen control heights over a place, and where in its cell it is.
+    fn locate(&self, place: [f64; 2]) -> Option<([u32; 16], [f64; 2])> {
+        let mut first = [0; 2];
+        let mut local = [0.0; 2];
+        for k in 0..2 {
+            let t = (place[k] - self.origin[k]) / self.cell;
+            let end = self.cells[k] as f64;
+            // Rounding at the ends.
+            if !(t >= -1e-9 && t <= end + 1e-9) {
+                return None;
+            }
+            first[k] = (t.max(0.0) as usize).min(self.cells[k] - 1);
+            local[k] = t - first[k] as f64;
+        }
+        Some((self.nodes(first), local))
+    }
+
+    fn nodes(&self, first: [usize; 2]) -> [u32; 16] {
+        std::array::from_fn(|k| ((first[1] + k / 4) * (self.cells[0] + 3) + first[0] + k % 4) as u32)
+    }
+
+    fn solve(&self, readings: &[HeightReading], dispersion: Dispersion) -> Result<HeightField> {
+        let unknowns = (self.cells[0] + 3) * (self.cells[1] + 3);
+        let elements =
+            || (0..self.cells[0] * self.cells[1]).map(|k| self.nodes([k % self.cells[0], k / self.cells[0]]));
+        let pattern = Arc::new(BlockPattern::from_elements(unknowns, elements())?);
+        let places: Vec<[f64; 2]> = (0..unknowns)
+            .map(|k| [(k % (self.cells[0] + 3)) as f64, (k / (self.cells[0] + 3)) as f64])
+            .collect();
+        let ordering = NodeOrdering::nested_dissection(&pattern, &places)?;
+        let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
+
+        let mut energy = BlockInformation::zeros(pattern.clone(), 1, 1)?;
+        let element = energy_of_cell();
+        for nodes in elements() {
+            energy.add_element(&nodes, &element, &[0.0; 16])?;
+        }
+        let mut data = BlockInformation::zeros(pattern, 1, 1)?;
+        let mut squares = 0.0;
+        let mut of_cell: Vec<Vec<u32>> = vec![Vec::new(); self.cells[0] * self.cells[1]];
+        for (k, r) in readings.iter().enumerate() {
+            let t: [usize; 2] = std::array::from_fn(|c| {
+                (((r.place[c] - self.origin[c]) / self.cell).max(0.0) as usize).min(self.cells[c] - 1)
+            });
+            of_cell[t[1] * self.cells[0] + t[0]].push(k as u32);
+        }
+        for (at, members) in of_cell.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
+            let (mut matrix, mut vector) = ([0.0; 256], [0.0; 16]);
+            let first = [at % self.cells[0], at / self.cells[0]];
+            for r in members.iter().map(|k| &readings[*k as usize]) {
+                let [x, y]: [[f64; 4]; 2] =
+                    std::array::from_fn(|c| cubic((r.place[c] - self.origin[c]) / self.cell - first[c] as f64)[0]);
+                let w: [f64; 16] = std::array::from_fn(|k| x[k % 4] * y[k / 4]);
+                for i in 0..16 {
+                    let scaled = r.information * w[i];
+                    vector[i] += scaled * r.height;
+                    for j in 0..16 {
+                        matrix[16 * i + j] += scaled * w[j];
+                    }
+                }
+                squares += r.information * r.height * r.height;
+            }
+            data.add_element(&self.nodes(first), &matrix, &vector)?;
+        }
+
+        let at_weight = |weight: f64| -> Result<(CholeskyFactor, Vec<f64>)> {
+            let mut both = data.clone();
+            both.add_scaled(&energy, weight)?;
+            let factor = CholeskyFactor::factorize(&symbolic, &both)?;
+            let mut x = data.vector().to_vec();
+            factor.solve_in_place(&mut x)?;
+            Ok((factor, x))
+        };
+        let model = SmoothnessModel {
+            rank: unknowns - 3,
+            unknowns,
+            equations: readings.len(),
+            log_pseudo_determinant: 0.0,
+            dispersion,
+        };
+        let evaluate = |weight: f64| -> Result<SmoothnessEvaluation> {
+            let (factor, x) = at_weight(weight)?;
+            let along: f64 = x.iter().zip(data.vector()).map(|(x, y)| x * y).sum();
+            Ok(SmoothnessEvaluation {
+                log_determinant: factor.log_determinant(),
+                residual: (squares - 2.0 * along + data.quadratic_form(&x)?).max(0.0),
+                roughness: energy.quadratic_form(&x)?,
+                trace: None,
+            })
+        };
+        let total = |of: &BlockInformation| of.diagonal().iter().sum::<f64>();
+        let search = SmoothnessSearch {
+            tolerance: 0.05,
+            ..SmoothnessSearch::from_start(total(&data) / total(&energy))
+        };
+        let found = maximize_restricted_likelihood(&model, &search, evaluate)?;
+        let (factor, coefficients) = at_weight(found.weight)?;
+        let scale = model.dispersion_at(found.weight, &evaluate(found.weight)?);
+        Ok(HeightField {
+            origin: self.origin,
+            cell: self.cell,
+            cells: self.cells,
+            coefficients,
+            covariance: SelectedInverse::new(&factor),
+            weight: found.weight,
+            dispersion: scale,
+        })
+    }
+}
+
+/// `∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` of a cell of side one, exactly.
+fn energy_of_cell() -> [f64; 256] {
+    let gram: [[[f64; 4]; 4]; 4] = std::array::from_fn(|order| {
+        let mut sum = [[0.0; 4]; 4];
+        for (t, w) in NODES {
+            let b = cubic(t)[order];
+            for i in 0..4 {
+                for j in 0..4 {
+                    sum[i][j] += w * b[i] * b[j];
+                }
+            }
+        }
+        sum
+    });
+    let product = |x: usize, y: usize, i: usize, j: usize| gram[x][i % 4][j % 4] * gram[y][i / 4][j / 4];
+    std::array::from_fn(|k| {
+        let (i, j) = (k / 16, k % 16);
+        product(3, 3, i, j) + SECOND_ORDER * (product(2, 0, i, j) + 2.0 * product(1, 1, i, j) + product(0, 2, i, j))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn normal(rng: &mut ChaCha8Rng) -> f64 {
+        (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
+    }
+
+    fn noisy(count: usize, sigma: f64, seed: u64, gap: bool) -> Vec<HeightReading> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut readings = Vec::new();
+        while readings.len() < count {
+            let place = [20.0 * rng.random::<f64>(), 14.0 * rng.random::<f64>()];
+            if gap && (place[0] - 10.0).hypot(place[1] - 7.0) < 4.0 {
+                continue;
+            }
+            readings.push(HeightReading {
+                place,
+                height: truth(place) + sigma * normal(&mut rng),
+                information: 1.0 / (sigma * sigma),
+            });
+        }
+        readings
+    }
+
+    fn truth([x, y]: [f64; 2]) -> f64 {
+        0.8 * (0.35 * x).sin() * (0.3 * y).cos() + 0.05 * x
+    }
+
+    #[test]
+    fn the_energy_is_that_of_the_polynomials() {
+        // Spline coefficients of x³y³ on one cell: the energy is 36² and what the second order gives.
+        let cube: Vec<f64> = (0..4)
+            .map(|i| {
+                let g = i as f64 - 1.0;
+                g * g * g - g
+            })
+            .collect();
+        let x: Vec<f64> = (0..16).map(|k| cube[k % 4] * cube[k / 4]).collect();
+        let element = energy_of_cell();
+        let energy: f64 = (0..256).map(|k| x[k / 16] * element[k] * x[k % 16]).sum();
+        // F_xx = 6x y³, F_xy = 9x²y²: ∫∫ 36x²y⁶ = 12/7, ∫∫ 81x⁴y⁴ = 81/25.
+        let second = 2.0 * 12.0 / 7.0 + 2.0 * 81.0 / 25.0;
+        let exact = 36.0 * 36.0 + SECOND_ORDER * second;
+        assert!((energy / exact - 1.0).abs() < 1e-12, "{energy}, {exact}");
+    }
+
+    #[test]
+    fn planes_alone_cost_nothing() {
+        // The printed energy leaves 3 (m + 3) + 3 (n + 3) − 9 functions free: fifteen of sixteen on a single cell.
+        let element = DMatrix::from_row_slice(16, 16, &energy_of_cell());
+        let eigen = element.symmetric_eigen().eigenvalues;
+        let largest = eigen.iter().copied().fold(0.0, f64::max);
+        assert_eq!(eigen.iter().filter(|e| **e < 1e-12 * largest).count(), 3, "{eigen}");
+    }
+
+    #[test]
+    fn heights_are_found_with_a_sigma_that_is_true() {
+        let (mut squares, mut covered, mut count) = (0.0, 0, 0);
+        for seed in 0..6 {
+            let field = HeightField::fit(&noisy(1500, 0.05, seed, false), 1.0, Dispersion::Known(1.0)).unwrap();
+            for k in 0..400 {
+                let place = [
+                    1.0 + 18.0 * f64::from(k % 20) / 19.0,
+                    1.0 + 12.0 * f64::from(k / 20) / 19.0,
+                ];
+                let found = field.at(place).unwrap();
+                let off = (found.height - truth(place)) / found.variance.sqrt();
+                squares += off * off;
+                covered += usize::from(off.abs() < 1.96);
+                count += 1;
+            }
+        }
+        let share = f64::from(covered as u32) / f64::from(count);
+        assert!((0.92..0.99).contains(&share), "{share}, {}", squares / f64::from(count));
+    }
+
+    #[test]
+    fn an_unknown_sigma_is_found_and_gaps_are_known_less() {
+        let mut readings = noisy(1500, 0.05, 9, true);
+        for r in &mut readings {
+            r.information = 1.0;
+        }
+        let field = HeightField::fit(&readings, 1.0, Dispersion::Estimated).unwrap();
+        assert!(
+            (field.dispersion.sqrt() / 0.05 - 1.0).abs() < 0.1,
+            "{}",
+            field.dispersion.sqrt()
+        );
+        let (gap, seen) = (field.at([10.0, 7.0]).unwrap(), field.at([3.0, 3.0]).unwrap());
+        assert!(gap.variance > 9.0 * seen.variance, "{gap:?} {seen:?}");
+        assert!((gap.height - truth([10.0, 7.0])).abs() < 4.0 * gap.variance.sqrt());
+        assert!(field.at([30.0, 7.0]).is_none());
+        let step = 1e-6;
+        let [along, across] =
+            [[3.0 + step, 3.0], [3.0, 3.0 + step]].map(|p| (field.at(p).unwrap().height - seen.height) / step);
+        assert!((along - seen.slope[0]).abs() < 1e-5 && (across - seen.slope[1]).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_makes_no_field_is_named() {
+        let readings = noisy(10, 0.1, 1, false);
+        let said = |readings: &[HeightReading], cell: f64| {
+            HeightField::fit(readings, cell, Dispersion::Known(1.0))
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(said(&readings, 0.0).contains("positive"));
+        assert!(said(&readings, 1e-6).contains("at most"));
+        assert!(said(&readings[..3], 1.0).contains("four"));
+        let mut bad = readings;
+        bad[7].information = 0.0;
+        assert!(said(&bad, 1.0).contains("height 7"));
+    }
+}
