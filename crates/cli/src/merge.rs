@@ -27,7 +27,7 @@ pub fn run(args: &MergeArgs) -> u8 {
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     plan_merged(&args.output, &args.patches)?;
     let options = MergeOptions {
-        method: args.method.into(),
+        method: args.method.map(Into::into),
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
         epsilon: args.epsilon,

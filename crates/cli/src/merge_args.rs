@@ -49,9 +49,9 @@ pub struct MergeArgs {
     /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl); may be repeated
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline
-    #[arg(long, value_name = "METHOD", value_enum, default_value_t = MethodName::Information)]
-    pub method: MethodName,
+    /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline [default: information where all patches state σ, else refit]
+    #[arg(long, value_name = "METHOD", value_enum)]
+    pub method: Option<MethodName>,
     /// ε: places nearer than this may be one, as a length [default: three σ of their difference]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub epsilon: Option<f64>,

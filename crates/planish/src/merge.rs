@@ -28,11 +28,10 @@ use std::path::{Path, PathBuf};
 const LOOKED_AT: usize = 2000;
 
 /// How shared places are fused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MergeMethod {
     /// One spline by the information of all patches, and of what lies around; what moves goes to nothing where a patch ends.
-    #[default]
     Information,
     /// One spline through the shared places, all alike, as the paper does; σ from what is left.
     Refit,
@@ -43,8 +42,8 @@ pub enum MergeMethod {
 /// How patches are merged.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MergeOptions {
-    /// How shared places are fused.
-    pub method: MergeMethod,
+    /// How shared places are fused; where nothing is said, by information if all patches state σ, and by a refit if not.
+    pub method: Option<MergeMethod>,
     /// Unit of files that name none.
     pub unit: Option<Unit>,
     /// How far the mesh of a model may leave its surface; half its median σ where none is given.
@@ -225,7 +224,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     progress.check("fusing", 0.4)?;
     let mean = fused(&patches, &overlap);
     let part = Part::new(progress, 0.4, 0.7);
-    let fused = match options.method {
+    let method = options.method.unwrap_or(match overlap.sigma_estimated {
+        false => MergeMethod::Information,
+        true => MergeMethod::Refit,
+    });
+    let fused = match method {
         MergeMethod::Information => refitted(&patches, &overlap, mean, Refit::Information, &part)?,
         MergeMethod::Refit => refitted(&patches, &overlap, mean, Refit::Shared, &part)?,
         MergeMethod::Mean => mean,
@@ -246,7 +249,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let mut sorted = sewn.sigma.clone();
     sorted.sort_by(f64::total_cmp);
     let report = MergeReport {
-        method: options.method,
+        method,
         vertices: check.vertices,
         triangles: check.triangles,
         boundary_edges: check.boundary_edges,
