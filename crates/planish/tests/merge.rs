@@ -1,5 +1,8 @@
 //! Patches of known surfaces, merged: what comes out is nearer to the truth than what went in, and σ says how near.
 
+// Helpers of tests may print as tests do.
+#![allow(clippy::print_stdout)]
+
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge};
 use planish::progress::Silent;
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, unit};

@@ -1,0 +1,63 @@
+#!/usr/bin/env python3
+"""Ten range scans of the Stanford bunny merged: `planish merge` beside Open3D's Poisson reconstruction, in one run.
+
+    python3 -m venv venv && venv/bin/pip install numpy open3d     # Debian: apt install libusb-1.0-0 libgl1 libgomp1
+    cargo build --release
+    venv/bin/python benches/peers/merge.py SCANS/bun.conf [--depths 8]
+
+Distances in mm from every scan point to the mesh: mean, root mean square, 95 %, and the root mean square of all but the farthest thousandth, for a single stray point 79 mm off decides the other one. Poisson's mesh is also
+judged with as many triangles as ours has (quadric decimation). Seconds are those of the whole command for Planish, of normals and reconstruction for Open3D.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import tempfile
+import time
+
+import numpy as np
+import open3d as o3d
+
+from surface import ROOT, poisson, scans
+
+
+def line(name, seconds, mesh, points):
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
+    found = 1e3 * scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+    near = np.sort(found)[: -len(found) // 1000]
+    edges = np.sort(np.asarray(mesh.triangles)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    print(f"{name:<34} {seconds:>7.1f} {len(mesh.triangles):>9}  {found.mean():.4f} / {np.sqrt((found**2).mean()):.4f} / "
+          f"{np.quantile(found, 0.95):.4f} / {np.sqrt((near**2).mean()):.4f}  {(counts == 1).sum():>7} {(counts > 2).sum():>6}", flush=True)
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("conf")
+    arguments.add_argument("--depths", default="8")
+    arguments.add_argument("--program", default=os.path.join(ROOT, "target", "release", "planish"))
+    chosen = arguments.parse_args()
+    print(platform.machine(), os.cpu_count(), "cores; open3d", o3d.__version__, "; load", os.getloadavg()[0])
+    points = np.concatenate([p @ turn.T + shift for p, turn, shift in scans(chosen.conf)])
+    print(f"{'program':<34} {'seconds':>7} {'triangles':>9}  mean / rms / 95 % / rms of 99.9 %  open, non-manifold edges")
+    triangles = 0
+    for method in ["mean", "refit", "information"]:
+        with tempfile.TemporaryDirectory() as folder:
+            out = os.path.join(folder, "whole.ply")
+            start = time.perf_counter()
+            said = subprocess.run([chosen.program, "merge", chosen.conf, "--unit", "m", "--method", method, "-o", out, "--json", "--quiet"],
+                                  capture_output=True, check=True)
+            seconds = time.perf_counter() - start
+            triangles = json.loads(said.stdout)["triangles"]
+            line(f"planish merge --method {method}", seconds, o3d.io.read_triangle_mesh(out), points)
+    for depth in map(int, chosen.depths.split(",")):
+        seconds, mesh = poisson(chosen.conf, depth)
+        line(f"Open3D Poisson depth {depth}", seconds, mesh, points)
+        line("  with as many triangles as ours", seconds, mesh.simplify_quadric_decimation(triangles), points)
+
+
+if __name__ == "__main__":
+    main()
