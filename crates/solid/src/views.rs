@@ -23,10 +23,17 @@
 mod boundary;
 mod candidates;
 mod cells;
+mod circles;
 mod column;
 mod drawing;
+mod oblique;
+mod oblique_sight;
+#[cfg(test)]
+mod oblique_tests;
+mod oblique_wall;
 mod plan;
 mod profile;
+mod quadrics;
 mod rings;
 mod search;
 mod sheet;
@@ -41,8 +48,10 @@ mod turned;
 mod turned_rings;
 #[cfg(test)]
 mod turned_tests;
+mod turned_wall;
 mod wall;
 mod wall_sight;
+mod wireframe;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
@@ -119,6 +128,13 @@ pub struct Solutions {
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
+    if let Some(found) = oblique::oblique(&tidy) {
+        let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
+        let solved = solve_plan(&tidy, &plan);
+        if best_cost(&solved).is_some() {
+            return solved;
+        }
+    }
     let plan = plan::Plan::of(&tidy);
     let mut best = solve_plan(&tidy, &plan);
     let mut tried = Vec::new();
@@ -128,7 +144,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         if is_too_large || !strict && best_cost(&best).is_some() {
             break;
         }
-        let walls = turned::walls(&plan, strict);
+        let walls: Vec<wall::Wall> = turned::walls(&plan, strict).into_iter().map(wall::Wall::Turned).collect();
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }

@@ -1,0 +1,277 @@
+//! Ends of cylinders oblique to all views: curves of a view that are circles in a plane, and that the other views show as well.
+
+use super::drawing::{Curve2, Drawing, distance_to_segment};
+use super::oblique::bounds_of;
+use super::oblique_wall::{Form, Oblique};
+use super::wall::{Extent, Side};
+use super::wireframe::Wireframe;
+use crate::brep::{along, unit};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+
+/// A plane shows curves of a view where its normal leans so far towards the eye.
+const LEAST_LEAN: f64 = 1e-3;
+/// Exported curves miss what they mean by less than this share of the drawing's size.
+const ROUGH: f64 = 1e-3;
+/// Those that miss it by less are taken as they are.
+const EXACT: f64 = 1e-6;
+/// Curves of fewer points tell nothing.
+const LEAST_POINTS: usize = 5;
+/// Steps of Newton's method.
+const STEPS: usize = 8;
+
+/// A plane, and whether a view sees it edge-on or not.
+struct Plane {
+    normal: [f64; 3],
+    offset: f64,
+}
+
+/// A circle in space, as one curve shows it.
+struct Circle {
+    axis: [f64; 3],
+    center: [f64; 3],
+    radius: f64,
+    /// The largest distance of its points.
+    off: f64,
+    points: Vec<[f64; 3]>,
+}
+
+/// Cylinders whose ends are circles in some planes, or in planes that one view sees edge-on as slanted lines.
+pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique], near: f64) -> Vec<Oblique> {
+    let size = drawing.size();
+    let mut planes: Vec<Plane> = oblique
+        .iter()
+        .filter_map(|wall| match wall.form {
+            Form::Plane { normal, offset } => Some(Plane { normal, offset }),
+            Form::Cylinder { .. } => None,
+        })
+        .collect();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
+                continue;
+            }
+            let mut normal = [0.0; 3];
+            (normal[axes[0]], normal[axes[1]]) = (a[1] - b[1], b[0] - a[0]);
+            let normal = unit(normal);
+            let offset = normal[axes[0]] * a[0] + normal[axes[1]] * a[1];
+            let same = |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
+            if !planes.iter().any(same) {
+                planes.push(Plane { normal, offset });
+            }
+        }
+    }
+    let mut groups: Vec<Vec<Circle>> = Vec::new();
+    for circle in planes.iter().flat_map(|plane| circles_in(drawing, plane)) {
+        let same = |group: &Vec<Circle>| {
+            let known = &group[0];
+            let d = sub(circle.center, known.center);
+            let beside = along(d, -dot(d, known.axis), known.axis);
+            norm(cross(known.axis, circle.axis)) < ROUGH
+                && (known.radius - circle.radius).abs() < 2.0 * ROUGH * size
+                && norm(beside) < 2.0 * ROUGH * size
+        };
+        match groups.iter_mut().find(|g| same(g)) {
+            Some(group) => group.push(circle),
+            None => groups.push(vec![circle]),
+        }
+    }
+    groups.iter().filter_map(|group| cylinder(drawing, frame, group, near)).collect()
+}
+
+/// The curves of all views that are circles in a plane and lie on something drawn in every other view.
+fn circles_in(drawing: &Drawing, plane: &Plane) -> Vec<Circle> {
+    let size = drawing.size();
+    let (e1, e2) = tangents(plane.normal);
+    let mut found = Vec::new();
+    for (v, view) in drawing.views.iter().enumerate() {
+        let [right, up, sight] = view.kind.axes();
+        let lean = plane.normal[sight];
+        if lean.abs() < LEAST_LEAN {
+            continue;
+        }
+        for drawn in &view.curves {
+            let Curve2::Chain(chain) = &drawn.curve else { continue };
+            if chain.len() < LEAST_POINTS {
+                continue;
+            }
+            let lifted = |q: &[f64; 2]| {
+                let mut p = [0.0; 3];
+                (p[right], p[up]) = (q[0], q[1]);
+                p[sight] = (plane.offset - dot(plane.normal, p)) / lean;
+                p
+            };
+            let points: Vec<[f64; 3]> = chain.iter().map(lifted).collect();
+            let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
+            let Some((center, radius)) = circle_through(&flat) else {
+                continue;
+            };
+            let off = flat
+                .iter()
+                .map(|p| (super::drawing::distance(*p, center) - radius).abs())
+                .fold(0.0, f64::max);
+            if off > ROUGH * size || radius > size || radius < 10.0 * off || !is_shown(drawing, v, &points, size) {
+                continue;
+            }
+            let center = along(
+                along(scale(plane.offset, plane.normal), center[0], e1),
+                center[1],
+                e2,
+            );
+            found.push(Circle {
+                axis: plane.normal,
+                center,
+                radius,
+                off,
+                points,
+            });
+        }
+    }
+    found
+}
+
+/// The circle `x² + y² = 2 a x + 2 b y + c` of least squares (Kåsa 1976).
+fn circle_through(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
+    let count = points.len() as f64;
+    let middle = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for p in points {
+        let [x, y] = [p[0] - middle[0], p[1] - middle[1]];
+        let row = Vector3::new(2.0 * x, 2.0 * y, 1.0);
+        normal += row * row.transpose();
+        right += row * (x * x + y * y);
+    }
+    let found = normal.lu().solve(&right)?;
+    let square = found[2] + found[0] * found[0] + found[1] * found[1];
+    let is_circle = square.is_finite() && square > 0.0;
+    is_circle.then(|| ([middle[0] + found[0], middle[1] + found[1]], square.sqrt()))
+}
+
+/// Whether every other view draws something at the images of some points.
+fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> bool {
+    let others = drawing.views.iter().enumerate().filter(|(v, _)| *v != of);
+    others.into_iter().all(|(_, view)| {
+        let [right, up, _] = view.kind.axes();
+        let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
+        points.iter().all(|p| {
+            let q = [p[right], p[up]];
+            chains
+                .iter()
+                .flat_map(|c| c.windows(2))
+                .any(|pair| distance_to_segment(q, pair[0], pair[1]) < 2.0 * ROUGH * size)
+        })
+    })
+}
+
+/// The cylinder of circles about one axis; none where there is one end only, or nothing tells exactly where it is.
+fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -> Option<Oblique> {
+    let size = drawing.size();
+    let best = group.iter().min_by(|a, b| a.off.total_cmp(&b.off))?;
+    let axis = best.axis;
+    let heights: Vec<f64> = group.iter().map(|c| dot(c.center, axis)).collect();
+    let span = heights.iter().fold(f64::MIN, |m, h| m.max(*h)) - heights.iter().fold(f64::MAX, |m, h| m.min(*h));
+    if span < 10.0 * near {
+        return None;
+    }
+    let (origin, radius) = match best.off < EXACT * size {
+        true => (best.center, best.radius),
+        false => measured(drawing, frame, group, best, near)?,
+    };
+    let round = (radius * 1e4).round() / 1e4;
+    let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
+    let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
+    let form = Form::Cylinder { origin, axis, radius };
+    Some(Oblique {
+        form,
+        extents: vec![Extent {
+            bounds: bounds_of(&points),
+            side: Side::Both,
+        }],
+    })
+}
+
+/// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis, and straight outlines at the distance r from the
+/// axis' image. Newton's method for the two coordinates of the axis and the radius, by least squares.
+fn measured(drawing: &Drawing, frame: &Wireframe, group: &[Circle], best: &Circle, near: f64) -> Option<([f64; 3], f64)> {
+    let size = drawing.size();
+    let axis = best.axis;
+    let across = |d: [f64; 3]| along(d, -dot(d, axis), axis);
+    let is_near = |far: f64| (far - best.radius).abs() < 2.0 * ROUGH * size;
+    let mut points: Vec<[f64; 3]> = (0..frame.points.len())
+        .filter(|k| frame.ends_curve[*k])
+        .map(|k| frame.points[k])
+        .filter(|p| group.iter().any(|c| dot(sub(*p, c.center), axis).abs() < 3.0 * near))
+        .filter(|p| is_near(norm(across(sub(*p, best.center)))))
+        .collect();
+    // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline stands.
+    let mut lines: Vec<([f64; 3], f64)> = Vec::new();
+    for view in &drawing.views {
+        let [right, up, sight] = view.kind.axes();
+        let mut e = [0.0; 3];
+        e[sight] = 1.0;
+        let beside = unit(cross(axis, e));
+        for drawn in &view.curves {
+            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
+            let far = at(a) - dot(beside, best.center);
+            if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
+                lines.push((scale(far.signum(), beside), far.signum() * at(a)));
+            }
+        }
+    }
+    // Edges may lie nearly where an outline does: the worst is left out while others tell as much.
+    loop {
+        let (found, residuals) = adjusted(axis, (best.center, best.radius), &points, &lines)?;
+        let worst = (0..residuals.len()).max_by(|a, b| residuals[*a].total_cmp(&residuals[*b]))?;
+        if residuals[worst] < near {
+            return Some(found);
+        }
+        match worst < points.len() {
+            true => points.remove(worst),
+            false => {
+                lines.remove(worst - points.len());
+                continue;
+            }
+        };
+    }
+}
+
+/// The axis' place and the radius by least squares, with the absolute residuals; none where points and outlines leave them open, or only just tell them.
+fn adjusted(
+    axis: [f64; 3],
+    (mut center, mut radius): ([f64; 3], f64),
+    points: &[[f64; 3]],
+    lines: &[([f64; 3], f64)],
+) -> Option<(([f64; 3], f64), Vec<f64>)> {
+    let (e1, e2) = tangents(axis);
+    let count = points.len() + lines.len();
+    if count < 4 {
+        return None;
+    }
+    let mut residuals = Vec::new();
+    for _ in 0..STEPS {
+        let mut rows = Vec::new();
+        for p in points {
+            let d = sub(*p, center);
+            let d = along(d, -dot(d, axis), axis);
+            let n = unit(d);
+            rows.push(([-dot(n, e1), -dot(n, e2), -1.0], norm(d) - radius));
+        }
+        for (n, at) in lines {
+            rows.push(([-dot(*n, e1), -dot(*n, e2), -1.0], at - dot(*n, center) - radius));
+        }
+        residuals = rows.iter().map(|r| r.1.abs()).collect();
+        let jacobian = DMatrix::from_fn(count, 3, |i, j| rows[i].0[j]);
+        let misclosure = DVector::from_fn(count, |i, _| -rows[i].1);
+        let svd = jacobian.svd(true, true);
+        if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
+            return None;
+        }
+        let step = svd.solve(&misclosure, 1e-12).ok()?;
+        center = along(along(center, step[0], e1), step[1], e2);
+        radius += step[2];
+    }
+    Some(((center, radius), residuals))
+}

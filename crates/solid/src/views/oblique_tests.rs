@@ -1,0 +1,1 @@
+//! Drawings of parts with faces oblique to all views.
