@@ -144,7 +144,10 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         if is_too_large || !strict && best_cost(&best).is_some() {
             break;
         }
-        let walls: Vec<wall::Wall> = turned::walls(&plan, strict).into_iter().map(wall::Wall::Turned).collect();
+        let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
+            .into_iter()
+            .map(wall::Wall::Turned)
+            .collect();
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }

@@ -2,11 +2,11 @@
 
 use super::cells::Cells;
 use super::column::SurfaceId;
+use super::oblique_wall::{Form, Oblique};
 use super::profile::Profile;
+use super::quadrics::quadrics;
 use super::surfaces::{Curve3, Drawn, Meeting, meet, meetings, triple};
 use super::traced::traced;
-use super::oblique_wall::{Form, Oblique};
-use super::quadrics::quadrics;
 use super::turned_wall::Turned;
 use super::wall::{Wall, across};
 use crate::brep::{Surface, along, unit};
@@ -202,8 +202,8 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
             },
         ) => {
             let ends = across(wall.axis);
-            let coaxial =
-                axis[wall.axis].abs() > 1.0 - 1e-12 && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
+            let coaxial = axis[wall.axis].abs() > 1.0 - 1e-12
+                && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
             if !coaxial {
                 return None;
             }

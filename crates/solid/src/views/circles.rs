@@ -2,12 +2,13 @@
 
 use super::drawing::{Curve2, Drawing, distance_to_segment};
 use super::oblique::bounds_of;
-use super::oblique_wall::{Form, Oblique};
+use super::oblique_wall::{Form, Oblique, Sector};
 use super::wall::{Extent, Side};
 use super::wireframe::Wireframe;
 use crate::brep::{along, unit};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+use std::f64::consts::TAU;
 
 /// A plane shows curves of a view where its normal leans so far towards the eye.
 const LEAST_LEAN: f64 = 1e-3;
@@ -17,6 +18,12 @@ const ROUGH: f64 = 1e-3;
 const EXACT: f64 = 1e-6;
 /// Curves of fewer points tell nothing.
 const LEAST_POINTS: usize = 5;
+/// Directions are one below this sine of the angle between them.
+const PARALLEL: f64 = 1e-4;
+/// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so large.
+const LEAST_STEEP: f64 = 0.2;
+/// Half of the widest sector for which the rest of a cylinder is not meant, in radians.
+const WIDEST: f64 = 1.5;
 /// Steps of Newton's method.
 const STEPS: usize = 8;
 
@@ -26,13 +33,15 @@ struct Plane {
     offset: f64,
 }
 
-/// A circle in space, as one curve shows it.
+/// A circle across an axis on which a curve lies, seen along it.
 struct Circle {
     axis: [f64; 3],
     center: [f64; 3],
     radius: f64,
     /// The largest distance of its points.
     off: f64,
+    /// The plane of its points.
+    plane: usize,
     points: Vec<[f64; 3]>,
 }
 
@@ -64,7 +73,8 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
         }
     }
     let mut groups: Vec<Vec<Circle>> = Vec::new();
-    for circle in planes.iter().flat_map(|plane| circles_in(drawing, plane)) {
+    let axes = axes(frame);
+    for circle in (0..planes.len()).flat_map(|k| circles_in(drawing, &planes[k], k, &axes)) {
         let same = |group: &Vec<Circle>| {
             let known = &group[0];
             let d = sub(circle.center, known.center);
@@ -78,13 +88,39 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
             None => groups.push(vec![circle]),
         }
     }
-    groups.iter().filter_map(|group| cylinder(drawing, frame, group, near)).collect()
+    groups
+        .iter()
+        .filter_map(|group| cylinder(drawing, frame, group, near))
+        .collect()
 }
 
-/// The curves of all views that are circles in a plane and lie on something drawn in every other view.
-fn circles_in(drawing: &Drawing, plane: &Plane) -> Vec<Circle> {
+/// Directions of edges between ends of curves: along a cylinder from end to end.
+fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
+    let mut found: Vec<[f64; 3]> = Vec::new();
+    for [i, j] in &frame.edges {
+        if frame.ends_curve[*i] && frame.ends_curve[*j] {
+            let d = sub(frame.points[*j], frame.points[*i]);
+            match found
+                .iter_mut()
+                .find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d))
+            {
+                // The longer all edges of a direction are, the better they tell it.
+                Some(known) => *known = along(*known, dot(*known, d).signum(), d),
+                None => found.push(d),
+            }
+        }
+    }
+    found.into_iter().map(unit).collect()
+}
+
+/// The curves of all views that, lifted into a plane, are circles across its normal or an axis, and lie on something drawn in every other view.
+fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]]) -> Vec<Circle> {
     let size = drawing.size();
-    let (e1, e2) = tangents(plane.normal);
+    let steep = axes.iter().copied().filter(|a| {
+        let cosine = dot(*a, plane.normal).abs();
+        cosine > LEAST_STEEP && cosine < 1.0 - PARALLEL * PARALLEL
+    });
+    let axes: Vec<[f64; 3]> = std::iter::once(plane.normal).chain(steep).collect();
     let mut found = Vec::new();
     for (v, view) in drawing.views.iter().enumerate() {
         let [right, up, sight] = view.kind.axes();
@@ -104,29 +140,30 @@ fn circles_in(drawing: &Drawing, plane: &Plane) -> Vec<Circle> {
                 p
             };
             let points: Vec<[f64; 3]> = chain.iter().map(lifted).collect();
-            let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
-            let Some((center, radius)) = circle_through(&flat) else {
-                continue;
-            };
-            let off = flat
-                .iter()
-                .map(|p| (super::drawing::distance(*p, center) - radius).abs())
-                .fold(0.0, f64::max);
-            if off > ROUGH * size || radius > size || radius < 10.0 * off || !is_shown(drawing, v, &points, size) {
-                continue;
+            let mut is_seen = None;
+            for axis in &axes {
+                let (e1, e2) = tangents(*axis);
+                let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
+                let Some((center, radius)) = circle_through(&flat) else {
+                    continue;
+                };
+                let off = flat
+                    .iter()
+                    .map(|p| (super::drawing::distance(*p, center) - radius).abs())
+                    .fold(0.0, f64::max);
+                let is_circle = off < ROUGH * size && radius < size && radius > 10.0 * off;
+                if !is_circle || !*is_seen.get_or_insert_with(|| is_shown(drawing, v, &points, size)) {
+                    continue;
+                }
+                found.push(Circle {
+                    axis: *axis,
+                    center: along(scale(center[0], e1), center[1], e2),
+                    radius,
+                    off,
+                    plane: index,
+                    points: points.clone(),
+                });
             }
-            let center = along(
-                along(scale(plane.offset, plane.normal), center[0], e1),
-                center[1],
-                e2,
-            );
-            found.push(Circle {
-                axis: plane.normal,
-                center,
-                radius,
-                off,
-                points,
-            });
         }
     }
     found
@@ -170,9 +207,7 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
     let size = drawing.size();
     let best = group.iter().min_by(|a, b| a.off.total_cmp(&b.off))?;
     let axis = best.axis;
-    let heights: Vec<f64> = group.iter().map(|c| dot(c.center, axis)).collect();
-    let span = heights.iter().fold(f64::MIN, |m, h| m.max(*h)) - heights.iter().fold(f64::MAX, |m, h| m.min(*h));
-    if span < 10.0 * near {
+    if group.iter().all(|c| c.plane == best.plane) {
         return None;
     }
     let (origin, radius) = match best.off < EXACT * size {
@@ -180,11 +215,16 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
         false => measured(drawing, frame, group, best, near)?,
     };
     let round = (radius * 1e4).round() / 1e4;
-    let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
+    let radius = if (radius - round).abs() < EXACT * size {
+        round
+    } else {
+        radius
+    };
     let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
     let form = Form::Cylinder { origin, axis, radius };
     Some(Oblique {
         form,
+        sector: sector(axis, origin, &points),
         extents: vec![Extent {
             bounds: bounds_of(&points),
             side: Side::Both,
@@ -192,17 +232,46 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
     })
 }
 
+/// The sector of some points about an axis, where it is less than half of all: what is left of the widest gap.
+fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Sector> {
+    let (e1, e2) = tangents(axis);
+    let angle = |p: &[f64; 3]| {
+        let d = sub(*p, origin);
+        dot(d, e2).atan2(dot(d, e1))
+    };
+    let mut angles: Vec<f64> = points.iter().map(angle).collect();
+    angles.sort_by(f64::total_cmp);
+    angles.push(angles[0] + TAU);
+    let (gap, after) = angles
+        .windows(2)
+        .map(|a| (a[1] - a[0], a[1]))
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let half_width = (TAU - gap) / 2.0;
+    let (sin, cos) = (after + half_width).sin_cos();
+    (half_width < WIDEST).then(|| Sector {
+        middle: along(scale(cos, e1), sin, e2),
+        half_width,
+    })
+}
+
 /// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis, and straight outlines at the distance r from the
 /// axis' image. Newton's method for the two coordinates of the axis and the radius, by least squares.
-fn measured(drawing: &Drawing, frame: &Wireframe, group: &[Circle], best: &Circle, near: f64) -> Option<([f64; 3], f64)> {
+fn measured(
+    drawing: &Drawing,
+    frame: &Wireframe,
+    group: &[Circle],
+    best: &Circle,
+    near: f64,
+) -> Option<([f64; 3], f64)> {
     let size = drawing.size();
     let axis = best.axis;
+    let bounds = bounds_of(&group.iter().flat_map(|c| c.points.iter().copied()).collect::<Vec<_>>());
     let across = |d: [f64; 3]| along(d, -dot(d, axis), axis);
     let is_near = |far: f64| (far - best.radius).abs() < 2.0 * ROUGH * size;
     let mut points: Vec<[f64; 3]> = (0..frame.points.len())
         .filter(|k| frame.ends_curve[*k])
         .map(|k| frame.points[k])
-        .filter(|p| group.iter().any(|c| dot(sub(*p, c.center), axis).abs() < 3.0 * near))
+        .filter(|p| (0..3).all(|k| p[k] > bounds[k][0] - near && p[k] < bounds[k][1] + near))
         .filter(|p| is_near(norm(across(sub(*p, best.center)))))
         .collect();
     // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline stands.

@@ -146,7 +146,8 @@ pub(super) fn bounds_of(points: &[[f64; 3]]) -> [[f64; 2]; 3] {
     })
 }
 
-/// Curves of the views that need no surface seen edge-on: lines of edges that lie on two walls each, outlines of cylinders, and what is no straight line.
+/// Curves of the views that need no surface seen edge-on: lines of edges of which each lies on two walls, or on one and on a
+/// plane across an axis, and outlines of cylinders.
 fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64) -> BTreeSet<(usize, usize)> {
     let on_two: Vec<bool> = frame
         .edges
@@ -155,7 +156,9 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
             let middle = [0, 1, 2].map(|k| e.iter().map(|i| frame.points[*i][k]).sum::<f64>() / 2.0);
             let [p, q] = e.map(|i| frame.points[i]);
             let is_on = |w: &&Oblique| [p, middle, q].iter().all(|p| w.value(*p).abs() < 3.0 * near);
-            walls.iter().filter(is_on).count() > 1
+            // An edge parallel to a view lies in a plane that the other two see edge-on, and that they draw there.
+            let in_axis_plane = (0..3).any(|k| (p[k] - q[k]).abs() < near);
+            walls.iter().filter(is_on).count() + usize::from(in_axis_plane) > 1
         })
         .collect();
     let mut found = BTreeSet::new();

@@ -49,7 +49,11 @@ impl Looks {
                     for k in (0..walls.len()).filter(|k| *k != i && *k != j) {
                         let three = [&walls[i], &walls[j], &walls[k]];
                         let found = corners(three, &meeting.curve, bounds, plan.tolerance);
-                        cuts.extend(found.into_iter().filter_map(|p| meeting.curve.parameter(p, plan.tolerance)));
+                        cuts.extend(
+                            found
+                                .into_iter()
+                                .filter_map(|p| meeting.curve.parameter(p, plan.tolerance)),
+                        );
                     }
                     for t in stretches(&meeting.curve, cuts) {
                         let p = meeting.curve.point(t);

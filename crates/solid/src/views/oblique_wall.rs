@@ -20,10 +20,21 @@ pub(crate) enum Form {
     },
 }
 
+/// Less than half of a cylinder: a sector about a direction across its axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sector {
+    /// To its middle, of unit length and across the axis.
+    pub(crate) middle: [f64; 3],
+    /// From its middle to either end, in radians; less than π/2.
+    pub(crate) half_width: f64,
+}
+
 /// A plane or a cylinder that no view sees edge-on.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Oblique {
     pub(crate) form: Form,
+    /// The part of a cylinder that is meant; all of it where there is none.
+    pub(crate) sector: Option<Sector>,
     pub(crate) extents: Vec<Extent>,
 }
 
@@ -33,8 +44,38 @@ impl Oblique {
         let side = Side::Both;
         Self {
             form,
+            sector: None,
             extents: vec![Extent { bounds, side }],
         }
+    }
+
+    /// On which side of the wall a point is: beyond a cylinder's sector the wall goes on level, as a plane that touches it.
+    pub(crate) fn value_of(&self, p: [f64; 3]) -> f64 {
+        match (self.form, self.end_near(p)) {
+            (Form::Cylinder { origin, axis, radius }, Some(end)) => dot(end, from_axis(origin, axis, p)) - radius,
+            _ => self.value(p),
+        }
+    }
+
+    /// Whether a point is within the cylinder's sector; all are where there is none.
+    pub(crate) fn is_within(&self, p: [f64; 3]) -> bool {
+        self.end_near(p).is_none()
+    }
+
+    /// The gradient of [`Oblique::value_of`].
+    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+        self.end_near(p).unwrap_or_else(|| self.normal(p))
+    }
+
+    /// The end of a cylinder's sector, as a unit vector across the axis, beyond which a point is; none where it is within.
+    fn end_near(&self, p: [f64; 3]) -> Option<[f64; 3]> {
+        let (Form::Cylinder { origin, axis, .. }, Some(sector)) = (self.form, self.sector) else {
+            return None;
+        };
+        let d = from_axis(origin, axis, p);
+        let aside = cross(axis, sector.middle);
+        let angle = dot(d, aside).atan2(dot(d, sector.middle));
+        (angle.abs() > sector.half_width).then(|| sector_end(axis, sector, angle.signum()))
     }
 
     /// Signed distance.
@@ -54,7 +95,29 @@ impl Oblique {
     }
 
     /// Where the line along an axis of the frame through a point meets it; touching within a distance counts once.
-    pub(crate) fn crossings(&self, along: usize, mut p: [f64; 3], touching: f64) -> Vec<f64> {
+    pub(crate) fn crossings(&self, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
+        let mut found = self.crossings_of_all(along, p, touching);
+        let (Form::Cylinder { origin, axis, radius }, Some(sector)) = (self.form, self.sector) else {
+            return found;
+        };
+        let end_at = |depth: f64| {
+            let mut at = p;
+            at[along] = depth;
+            self.end_near(at)
+        };
+        found.retain(|depth| end_at(*depth).is_none());
+        // Where the line meets the planes beyond the sector.
+        let mut start = p;
+        start[along] = 0.0;
+        for end in [-1.0, 1.0].map(|sign| sector_end(axis, sector, sign)) {
+            let depth = (radius - dot(end, from_axis(origin, axis, start))) / end[along];
+            let is_on = depth.is_finite() && end_at(depth).is_some_and(|e| dot(e, end) > 1.0 - 1e-12);
+            found.extend(is_on.then_some(depth));
+        }
+        found
+    }
+
+    fn crossings_of_all(&self, along: usize, mut p: [f64; 3], touching: f64) -> Vec<f64> {
         p[along] = 0.0;
         match self.form {
             Form::Plane { normal, offset } => vec![(offset - dot(normal, p)) / normal[along]],
@@ -173,6 +236,12 @@ impl Oblique {
         let across = unit(cross(axis, e));
         Some(([-radius, radius].map(|r| along(origin, r, across)), axis))
     }
+}
+
+/// A unit vector across the axis to an end of a sector.
+fn sector_end(axis: [f64; 3], sector: Sector, sign: f64) -> [f64; 3] {
+    let (sin, cos) = sector.half_width.sin_cos();
+    along(scale(cos, sector.middle), sign * sin, cross(axis, sector.middle))
 }
 
 /// The part of the way from a point of an axis to another point that runs across the axis.

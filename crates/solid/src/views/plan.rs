@@ -320,6 +320,11 @@ impl Plan {
         self
     }
 
+    /// Whether any candidate is oblique to all views: the curves in which such ones meet are drawn roughly.
+    pub(crate) fn has_oblique_walls(&self) -> bool {
+        self.walls.iter().any(|w| matches!(w, Wall::Oblique(_)))
+    }
+
     /// The walls that pass through a box.
     pub(crate) fn walls_in(&self, cell: [usize; 3]) -> &[(u16, Side)] {
         let at = (cell[0] * self.intervals(1) + cell[1]) * self.intervals(2) + cell[2];

@@ -53,21 +53,21 @@ pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<C
             }
             let to = unit(d);
             let off = (apart * apart + radius * radius - r2 * r2) / (2.0 * apart);
-            Some(halves(along(origin, off, to), cross(axis, to), axis, off.abs(), radius, tolerance))
+            Some(halves(
+                along(origin, off, to),
+                cross(axis, to),
+                axis,
+                off.abs(),
+                radius,
+                tolerance,
+            ))
         }
         _ => None,
     }
 }
 
 /// Lines along an axis at both ends of a chord: its middle and direction, how far it is from the centre of the circle, and the circle's radius.
-fn halves(
-    middle: [f64; 3],
-    chord: [f64; 3],
-    axis: [f64; 3],
-    off: f64,
-    radius: f64,
-    tolerance: f64,
-) -> Vec<Curve3> {
+fn halves(middle: [f64; 3], chord: [f64; 3], axis: [f64; 3], off: f64, radius: f64, tolerance: f64) -> Vec<Curve3> {
     let line = |shift: f64| Curve3::Line {
         origin: along(middle, shift, chord),
         direction: axis,
@@ -100,7 +100,14 @@ fn cylinder_and_plane(cylinder: &Surface, plane: &Surface, tolerance: f64) -> Ve
     if steep.abs() < PARALLEL {
         let off = dot(sub(*origin, *on_plane), *normal);
         let middle = along(*origin, -off, *normal);
-        return halves(middle, unit(cross(*axis, *normal)), *axis, off.abs(), *radius, tolerance);
+        return halves(
+            middle,
+            unit(cross(*axis, *normal)),
+            *axis,
+            off.abs(),
+            *radius,
+            tolerance,
+        );
     }
     let center = along(*origin, dot(sub(*on_plane, *origin), *normal) / steep, *axis);
     let across = cross(*axis, *normal);

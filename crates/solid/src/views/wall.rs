@@ -65,15 +65,31 @@ impl Wall {
         }
     }
 
-    /// On which side of the wall a point is, where only one half of a tube is meant.
+    /// On which side of the wall a point is, where only one half of a tube or a sector of a cylinder is meant.
     pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
         match self {
             Self::Turned(wall) => wall.value_of(side, p),
-            Self::Oblique(wall) => wall.value(p),
+            Self::Oblique(wall) => wall.value_of(p),
         }
     }
 
-    /// The gradient of the signed distance.
+    /// Whether a point lies so near to the wall; where an oblique one goes on level beyond its sector, it is no surface of the solid.
+    pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
+        match self {
+            Self::Turned(wall) => wall.value_of(side, p).abs() < near,
+            Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
+        }
+    }
+
+    /// The gradient of [`Wall::value_of`] on the wall.
+    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+        match self {
+            Self::Turned(wall) => wall.normal(p),
+            Self::Oblique(wall) => wall.normal_of(p),
+        }
+    }
+
+    /// The gradient of the signed distance from the whole surface.
     pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Turned(wall) => wall.normal(p),

@@ -101,7 +101,13 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
                         && is_minimal(&points, &on, i, j, near)
                         && drawing.views.iter().enumerate().all(|(v, view)| {
                             let [a, b, _] = view.kind.axes();
-                            is_covered(drawing, v, [points[i][a], points[i][b]], [points[j][a], points[j][b]], near)
+                            is_covered(
+                                drawing,
+                                v,
+                                [points[i][a], points[i][b]],
+                                [points[j][a], points[j][b]],
+                                near,
+                            )
                         })
                     {
                         edges.push(edge);
@@ -156,11 +162,7 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
 }
 
 /// Points in space of which each view shows an end, one of them of a slanted line; each with whether one is of a curve.
-fn points(
-    ends: &[Vec<End>],
-    [front, top, side]: [usize; 3],
-    near: f64,
-) -> Option<(Vec<[f64; 3]>, Vec<bool>)> {
+fn points(ends: &[Vec<End>], [front, top, side]: [usize; 3], near: f64) -> Option<(Vec<[f64; 3]>, Vec<bool>)> {
     let mut by_x: Vec<&End> = ends[top].iter().collect();
     by_x.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     let mut by_y: Vec<&End> = ends[side].iter().collect();
