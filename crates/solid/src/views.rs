@@ -6,6 +6,7 @@
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
 //!    `turned` adds walls: outlines of one view turned about the centre of a circle of another, which no view sees edge-on.
+//!    `oblique` adds planes and cylinders oblique to all views, from points and edges that all three show (`wireframe`, `circles`).
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
@@ -15,7 +16,7 @@
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
-//! Not guaranteed: solids with faces other than planes along a view's line of sight, and cylinders, cones, spheres and tori about one.
+//! Not guaranteed: cones, spheres and tori about other axes than lines of sight, or together with faces oblique to all views; freeform faces.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
@@ -120,7 +121,8 @@ pub struct Solutions {
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
 ///
-/// First with planes and cylinders only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
+/// Where three views show planes or cylinders oblique to all of them, with these first: if that gives a solid, it is the answer. Then with planes and
+/// cylinders along lines of sight only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
 ///
 /// # Errors
 /// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines

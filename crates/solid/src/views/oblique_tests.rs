@@ -148,7 +148,8 @@ fn a_rounded_edge_of_a_turned_block_is_a_cylinder() {
     let solution = only(&block.drawing());
     assert_eq!(solution.solid.faces_by_kind(), [6, 1, 0, 0, 0]);
     let volume = 6.0 * (80.0 - 9.0 * (1.0 - PI / 4.0));
-    assert!((solution.measures.volume / volume - 1.0).abs() < 1e-9);
+    // The plane that touches the cylinder is measured apart from it.
+    assert!((solution.measures.volume / volume - 1.0).abs() < 1e-7);
 }
 
 #[test]
