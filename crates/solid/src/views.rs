@@ -130,14 +130,15 @@ pub struct Solutions {
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
-    if let Some(found) = oblique::oblique(&tidy) {
+    let plan = plan::Plan::of(&tidy);
+    let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
+    if let Some(found) = oblique {
         let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
         let solved = solve_plan(&tidy, &plan);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let plan = plan::Plan::of(&tidy);
     let mut best = solve_plan(&tidy, &plan);
     let mut tried = Vec::new();
     for strict in [true, false] {

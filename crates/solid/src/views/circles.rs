@@ -1,4 +1,4 @@
-//! Ends of cylinders oblique to all views: curves of a view that are circles in a plane, and that the other views show as well.
+//! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles along an axis, and that the other views show as well.
 
 use super::drawing::{Curve2, Drawing, distance_to_segment};
 use super::oblique::bounds_of;
@@ -27,7 +27,7 @@ const WIDEST: f64 = 1.5;
 /// Steps of Newton's method.
 const STEPS: usize = 8;
 
-/// A plane, and whether a view sees it edge-on or not.
+/// A plane in which ends of cylinders may lie.
 struct Plane {
     normal: [f64; 3],
     offset: f64,
@@ -45,7 +45,7 @@ struct Circle {
     points: Vec<[f64; 3]>,
 }
 
-/// Cylinders whose ends are circles in some planes, or in planes that one view sees edge-on as slanted lines.
+/// Cylinders whose ends lie in some oblique planes, or in planes that one view sees edge-on as slanted lines.
 pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique], near: f64) -> Vec<Oblique> {
     let size = drawing.size();
     let mut planes: Vec<Plane> = oblique
@@ -292,10 +292,11 @@ fn measured(
     }
     // Edges may lie nearly where an outline does: the worst is left out while others tell as much.
     loop {
-        let (found, residuals) = adjusted(axis, (best.center, best.radius), &points, &lines)?;
-        let worst = (0..residuals.len()).max_by(|a, b| residuals[*a].total_cmp(&residuals[*b]))?;
-        if residuals[worst] < near {
-            return Some(found);
+        let found = adjusted(axis, (best.center, best.radius), &points, &lines)?;
+        let off = &found.residuals;
+        let worst = (0..off.len()).max_by(|a, b| off[*a].total_cmp(&off[*b]))?;
+        if off[worst] < near {
+            return Some((found.center, found.radius));
         }
         match worst < points.len() {
             true => points.remove(worst),
@@ -307,13 +308,20 @@ fn measured(
     }
 }
 
+/// A cylinder's place and radius with the absolute residuals of what tells them.
+struct Adjusted {
+    center: [f64; 3],
+    radius: f64,
+    residuals: Vec<f64>,
+}
+
 /// The axis' place and the radius by least squares, with the absolute residuals; none where points and outlines leave them open, or only just tell them.
 fn adjusted(
     axis: [f64; 3],
     (mut center, mut radius): ([f64; 3], f64),
     points: &[[f64; 3]],
     lines: &[([f64; 3], f64)],
-) -> Option<(([f64; 3], f64), Vec<f64>)> {
+) -> Option<Adjusted> {
     let (e1, e2) = tangents(axis);
     let count = points.len() + lines.len();
     if count < 4 {
@@ -342,5 +350,9 @@ fn adjusted(
         center = along(along(center, step[0], e1), step[1], e2);
         radius += step[2];
     }
-    Some(((center, radius), residuals))
+    Some(Adjusted {
+        center,
+        radius,
+        residuals,
+    })
 }
