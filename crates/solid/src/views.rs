@@ -244,6 +244,12 @@ fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Sol
     let solid = boundary::boundary(cells, assignment)?;
     solid.check(1e-5 * cells.plan.size)?;
     let measures = solid.measures();
+    if measures.volume <= 0.0 {
+        return Err(Error::input(format!(
+            "the boundary is turned inside out: its volume is {}",
+            measures.volume
+        )));
+    }
     let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
     Ok(Solution {
         cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,
