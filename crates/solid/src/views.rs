@@ -6,6 +6,7 @@
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
 //! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
 //!    `turned` adds walls: outlines of one view turned about the centre of a circle of another, which no view sees edge-on.
+//!    `oblique` adds planes and cylinders oblique to all views, from points and edges that all three show (`wireframe`, `circles`).
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
@@ -15,7 +16,7 @@
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
-//! Not guaranteed: solids with faces other than planes along a view's line of sight, and cylinders, cones, spheres and tori about one.
+//! Not guaranteed: cones, spheres and tori about other axes than lines of sight, or together with faces oblique to all views; freeform faces.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
@@ -23,10 +24,17 @@
 mod boundary;
 mod candidates;
 mod cells;
+mod circles;
 mod column;
 mod drawing;
+mod oblique;
+mod oblique_sight;
+#[cfg(test)]
+mod oblique_tests;
+mod oblique_wall;
 mod plan;
 mod profile;
+mod quadrics;
 mod rings;
 mod search;
 mod sheet;
@@ -41,8 +49,10 @@ mod turned;
 mod turned_rings;
 #[cfg(test)]
 mod turned_tests;
+mod turned_wall;
 mod wall;
 mod wall_sight;
+mod wireframe;
 
 use crate::brep::{Measures, Solid};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
@@ -111,7 +121,8 @@ pub struct Solutions {
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
 ///
-/// First with planes and cylinders only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
+/// Where three views show planes or cylinders oblique to all of them, with these first: if that gives a solid, it is the answer. Then with planes and
+/// cylinders along lines of sight only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
 ///
 /// # Errors
 /// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines
@@ -120,6 +131,14 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
+    let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
+    if let Some(found) = oblique {
+        let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
+        let solved = solve_plan(&tidy, &plan);
+        if best_cost(&solved).is_some() {
+            return solved;
+        }
+    }
     let mut best = solve_plan(&tidy, &plan);
     let mut tried = Vec::new();
     for strict in [true, false] {
@@ -128,7 +147,10 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         if is_too_large || !strict && best_cost(&best).is_some() {
             break;
         }
-        let walls = turned::walls(&plan, strict);
+        let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
+            .into_iter()
+            .map(wall::Wall::Turned)
+            .collect();
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
@@ -222,6 +244,12 @@ fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Sol
     let solid = boundary::boundary(cells, assignment)?;
     solid.check(1e-5 * cells.plan.size)?;
     let measures = solid.measures();
+    if measures.volume <= 0.0 {
+        return Err(Error::input(format!(
+            "the boundary is turned inside out: its volume is {}",
+            measures.volume
+        )));
+    }
     let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
     Ok(Solution {
         cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,

@@ -78,7 +78,7 @@ impl Maker<'_> {
     fn touched_by_wall(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
         let plan = self.cells.plan;
         let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
-        walls.any(|&(wall, side)| plan.walls[wall as usize].value_of(side, p).abs() < near)
+        walls.any(|&(wall, side)| plan.walls[wall as usize].is_near(side, p, near))
     }
 
     /// Whether a wall has different states on its sides anywhere in a box.

@@ -2,9 +2,12 @@
 
 use super::cells::Cells;
 use super::column::SurfaceId;
+use super::oblique_wall::{Form, Oblique};
 use super::profile::Profile;
+use super::quadrics::quadrics;
 use super::surfaces::{Curve3, Drawn, Meeting, meet, meetings, triple};
 use super::traced::traced;
+use super::turned_wall::Turned;
 use super::wall::{Wall, across};
 use crate::brep::{Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
@@ -63,7 +66,7 @@ impl Candidate {
 pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) -> Vec<Meeting> {
     match (s, t) {
         (Candidate::Drawn(a), Candidate::Drawn(b)) => meetings(a, b, tolerance),
-        (Candidate::Wall(wall), other) | (other, Candidate::Wall(wall)) => {
+        (Candidate::Wall(Wall::Turned(wall)), other) | (other, Candidate::Wall(Wall::Turned(wall))) => {
             let curves = simple(wall, other, tolerance).unwrap_or_else(|| followed(wall, other, size));
             let ends = match wall.profile {
                 // Lines of a cone end at its apex.
@@ -72,19 +75,25 @@ pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) ->
                 }
                 _ => Vec::new(),
             };
-            curves
-                .into_iter()
-                .map(|curve| Meeting {
-                    ends: if matches!(curve, Curve3::Line { .. }) {
-                        ends.clone()
-                    } else {
-                        Vec::new()
-                    },
-                    curve,
-                })
-                .collect()
+            with_ends(curves, &ends)
+        }
+        (Candidate::Wall(Wall::Oblique(wall)), other) | (other, Candidate::Wall(Wall::Oblique(wall))) => {
+            let curves = quadrics(&wall.surface(), &other.surface(), tolerance);
+            with_ends(curves.unwrap_or_else(|| followed_around(wall, other, size)), &[])
         }
     }
+}
+
+fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[[f64; 3]]) -> Vec<Meeting> {
+    let meeting = |curve: Curve3| Meeting {
+        ends: if matches!(curve, Curve3::Line { .. }) {
+            ends_of_lines.to_vec()
+        } else {
+            Vec::new()
+        },
+        curve,
+    };
+    curves.into_iter().map(meeting).collect()
 }
 
 /// Where a curve of two candidates meets a third one.
@@ -165,7 +174,7 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
     found
 }
 
-fn circle(wall: &Wall, [distance, height]: [f64; 2]) -> Option<Curve3> {
+fn circle(wall: &Turned, [distance, height]: [f64; 2]) -> Option<Curve3> {
     let center = wall.point(0.0, [0.0, height]);
     (distance > 1e-9).then(|| Curve3::Ellipse {
         center,
@@ -175,10 +184,10 @@ fn circle(wall: &Wall, [distance, height]: [f64; 2]) -> Option<Curve3> {
 }
 
 /// Circles and lines in which a wall meets another candidate; none where it is no such curve.
-fn simple(wall: &Wall, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>> {
+fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>> {
     let circles = |at: Vec<[f64; 2]>| Some(at.into_iter().filter_map(|p| circle(wall, p)).collect());
     match (other, other.surface()) {
-        (Candidate::Wall(second), _) => {
+        (Candidate::Wall(Wall::Turned(second)), _) => {
             let coaxial = second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {
                 true => circles(meet(&wall.profile, &second.profile, tolerance)),
@@ -193,8 +202,8 @@ fn simple(wall: &Wall, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>>
             },
         ) => {
             let ends = across(wall.axis);
-            let coaxial =
-                axis[wall.axis].abs() > 0.5 && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
+            let coaxial = axis[wall.axis].abs() > 1.0 - 1e-12
+                && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
             if !coaxial {
                 return None;
             }
@@ -218,14 +227,14 @@ fn simple(wall: &Wall, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>>
     }
 }
 
-fn sphere_of(wall: &Wall) -> ([f64; 3], f64) {
+fn sphere_of(wall: &Turned) -> ([f64; 3], f64) {
     match wall.profile {
         Profile::Circle { center, radius } => (wall.point(0.0, [0.0, center[1]]), radius),
         Profile::Line { .. } => ([0.0; 3], 0.0),
     }
 }
 
-fn sphere_and_plane(wall: &Wall, origin: [f64; 3], normal: [f64; 3], tolerance: f64) -> Vec<Curve3> {
+fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance: f64) -> Vec<Curve3> {
     let (center, radius) = sphere_of(wall);
     let off = dot(sub(center, origin), normal);
     if off.abs() >= radius - tolerance {
@@ -247,7 +256,7 @@ fn sphere_and_plane(wall: &Wall, origin: [f64; 3], normal: [f64; 3], tolerance: 
     }]
 }
 
-fn two_spheres(first: &Wall, second: &Wall, tolerance: f64) -> Vec<Curve3> {
+fn two_spheres(first: &Turned, second: &Turned, tolerance: f64) -> Vec<Curve3> {
     let ((a, r), (b, s)) = (sphere_of(first), sphere_of(second));
     let apart = norm(sub(b, a));
     if apart < tolerance {
@@ -259,7 +268,7 @@ fn two_spheres(first: &Wall, second: &Wall, tolerance: f64) -> Vec<Curve3> {
 }
 
 /// What a plane through the axis cuts out of a wall.
-fn meridians(wall: &Wall, normal: [f64; 3]) -> Vec<Curve3> {
+fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
     let [a, b] = across(wall.axis);
     let angle = normal[b].atan2(normal[a]) + TAU / 4.0;
     [angle, angle + TAU / 2.0]
@@ -288,8 +297,8 @@ fn meridians(wall: &Wall, normal: [f64; 3]) -> Vec<Curve3> {
 }
 
 /// Curves followed step by step.
-fn followed(wall: &Wall, other: &Candidate, size: f64) -> Vec<Curve3> {
-    let surfaces = [Candidate::Wall(wall.clone()), other.clone()];
+fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
+    let surfaces = [Candidate::Wall(Wall::Turned(wall.clone())), other.clone()];
     let span = |k: usize| {
         wall.extents
             .iter()
@@ -340,6 +349,39 @@ fn followed(wall: &Wall, other: &Candidate, size: f64) -> Vec<Curve3> {
                 if let Some(next) = profile.get(k + 1).and_then(|r| r.get(branch)) {
                     seed((turn, *at), (turn, *next));
                 }
+            }
+        }
+    }
+    traced(&surfaces, &seeds, step, inside)
+        .into_iter()
+        .map(Curve3::Traced)
+        .collect()
+}
+
+/// Curves on a cylinder oblique to all views, followed step by step.
+fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> {
+    const ROWS: usize = 40;
+    let Form::Cylinder { radius, .. } = wall.form else {
+        return Vec::new();
+    };
+    let of = Wall::Oblique(wall.clone());
+    let bounds = of.bounds();
+    let surfaces = [Candidate::Wall(of), other.clone()];
+    let step = TAU * radius / STEPS_AROUND;
+    let margin = 3.0 * step + 1e-3 * size;
+    let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
+    let lattice = wall.lattice(ROWS, STEPS_AROUND as usize);
+    let mut seeds = Vec::new();
+    let mut seed = |p: [f64; 3], q: [f64; 3]| {
+        if (other.value(p) > 0.0) != (other.value(q) > 0.0) {
+            seeds.push(scale(0.5, planish_estimate::vector3::add(p, q)));
+        }
+    };
+    for (k, row) in lattice.iter().enumerate() {
+        for (turn, p) in row.iter().enumerate() {
+            seed(*p, row[(turn + 1) % row.len()]);
+            if let Some(next) = lattice.get(k + 1) {
+                seed(*p, next[turn]);
             }
         }
     }

@@ -22,6 +22,11 @@ pub(crate) struct Cells<'a> {
     thick: HashSet<u32>,
 }
 
+/// Whether a plan's grid has more boxes than are looked at.
+pub(crate) fn is_too_fine(plan: &Plan) -> bool {
+    (0..3).map(|a| plan.intervals(a)).product::<usize>() > MOST_BOXES
+}
+
 impl<'a> Cells<'a> {
     /// Cuts space and joins what no line separates.
     ///
@@ -29,7 +34,7 @@ impl<'a> Cells<'a> {
     /// `Unsupported` where there are too many atoms.
     pub(crate) fn of(plan: &'a Plan) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
-        if n[0] * n[1] * n[2] > MOST_BOXES {
+        if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
                 "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as where lines end or turn at fewer places",
                 n[0], n[1], n[2]

@@ -174,6 +174,21 @@ pub struct Drawing {
 }
 
 impl Drawing {
+    /// The least and greatest coordinate of each axis that is drawn.
+    pub(crate) fn bounds(&self) -> [[f64; 2]; 3] {
+        let mut bounds = [[f64::MAX, f64::MIN]; 3];
+        for view in &self.views {
+            let axes = view.kind.axes();
+            for p in view.curves.iter().flat_map(|c| c.curve.points()) {
+                for k in 0..2 {
+                    let [lo, hi] = bounds[axes[k]];
+                    bounds[axes[k]] = [lo.min(p[k]), hi.max(p[k])];
+                }
+            }
+        }
+        bounds
+    }
+
     /// The larger side of the box around everything that is drawn.
     #[must_use]
     pub fn size(&self) -> f64 {

@@ -6,6 +6,7 @@
 use super::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use super::profile::Profile;
 use super::wall::{Side, Wall};
+use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
 /// A stretch of a line that is drawn in one way, by the entity that draws it.
@@ -221,12 +222,17 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
 impl Plan {
     /// Lays the drawing on its grid.
     pub(crate) fn of(drawing: &Drawing) -> Self {
+        Self::without(drawing, &BTreeSet::new())
+    }
+
+    /// Lays the drawing on its grid, where some curves, by view and index, stand for no surface seen edge-on.
+    pub(crate) fn without(drawing: &Drawing, explained: &BTreeSet<(usize, usize)>) -> Self {
         let size = drawing.size();
         let tolerance = 1e-7 * size + 2e-6;
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;
         let mut found: Vec<Found> = Vec::new();
-        for view in &drawing.views {
+        for (at, view) in drawing.views.iter().enumerate() {
             let axes = view.kind.axes();
             let snap = |k: usize, value: f64| clusters[axes[k]].snap(value, tolerance);
             let (mut on_grid, mut carriers, mut others) = (Vec::new(), Vec::<Carrier>::new(), Vec::new());
@@ -235,6 +241,10 @@ impl Plan {
             let mut sorted: Vec<usize> = (0..view.curves.len()).collect();
             sorted.sort_by_key(|&c| order(&view.curves[c].curve));
             for index in sorted {
+                if explained.contains(&(at, index)) {
+                    others.push(index);
+                    continue;
+                }
                 let drawn = &view.curves[index];
                 let curve = snapped(&drawn.curve, &snap);
                 let (way, from, to) = along(&curve, tolerance);
@@ -269,7 +279,11 @@ impl Plan {
             }
             found.push((view.kind, on_grid, carriers, others));
         }
-        let grid = grid_of(&found, &clusters, size, tolerance, gap);
+        let mut outer: [Vec<f64>; 3] = Default::default();
+        if !explained.is_empty() {
+            outer = drawing.bounds().map(|b| b.to_vec());
+        }
+        let grid = grid_of(&found, outer, &clusters, size, tolerance, gap);
         let views = found
             .into_iter()
             .map(|(kind, on_grid, carriers, others)| {
@@ -304,6 +318,11 @@ impl Plan {
         }
         self.walls = walls;
         self
+    }
+
+    /// Whether any candidate is oblique to all views: the curves in which such ones meet are drawn roughly.
+    pub(crate) fn has_oblique_walls(&self) -> bool {
+        self.walls.iter().any(|w| matches!(w, Wall::Oblique(_)))
     }
 
     /// The walls that pass through a box.
@@ -399,8 +418,14 @@ fn clusters(drawing: &Drawing, tolerance: f64) -> [Cluster; 3] {
 
 type Found = (ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>);
 
-fn grid_of(found: &[Found], clusters: &[Cluster; 3], size: f64, tolerance: f64, gap: f64) -> [Vec<f64>; 3] {
-    let mut grid: [Vec<f64>; 3] = Default::default();
+fn grid_of(
+    found: &[Found],
+    mut grid: [Vec<f64>; 3],
+    clusters: &[Cluster; 3],
+    size: f64,
+    tolerance: f64,
+    gap: f64,
+) -> [Vec<f64>; 3] {
     for (kind, on_grid, carriers, _) in found {
         let axes = kind.axes();
         let mut lines: Vec<(usize, f64)> = on_grid.iter().map(|(a, at, _)| (*a, *at)).collect();

@@ -289,6 +289,7 @@ pub(super) fn style_near(
     } else {
         ON_CURVE * plan.size
     };
+    let rough = if plan.has_oblique_walls() { near } else { near / 2.0 };
     for &index in &shown.others {
         let points = curves[index].curve.points();
         let (far, across) = points
@@ -305,7 +306,7 @@ pub(super) fn style_near(
         }
         if far < on {
             found.push((curves[index].style, index));
-        } else if far < near / 2.0 {
+        } else if far < rough {
             return None;
         }
     }
@@ -387,7 +388,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             p[along] = depth;
             Limit {
                 depth: depth * sign,
-                normal: Some(wall.normal(p)),
+                normal: Some(wall.normal_of(p)),
                 cell: entry.cell,
             }
         }

@@ -9,7 +9,8 @@
 use super::drawing::distance;
 use super::plan::{Carrier, Plan, Run, ViewPlan, stretches};
 use super::profile::Profile;
-use super::wall::{Extent, Side, Wall, across};
+use super::turned_wall::Turned;
+use super::wall::{Extent, Side, across};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Circles are the same within this share of the drawing's size.
@@ -22,8 +23,8 @@ struct Axis {
 }
 
 /// All walls of a plan; `strict` leaves out those that another view across the axis does not show as well.
-pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Wall> {
-    let mut found: Vec<Wall> = Vec::new();
+pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Turned> {
+    let mut found: Vec<Turned> = Vec::new();
     for shown in &plan.views {
         for axis in axes_of(shown, plan) {
             for view in &plan.views {
@@ -38,13 +39,13 @@ pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Wall> {
     found
 }
 
-fn add(found: &mut Vec<Wall>, wall: Wall, plan: &Plan) {
+fn add(found: &mut Vec<Turned>, wall: Turned, plan: &Plan) {
     let same = SAME * plan.size;
-    let sphere = |w: &Wall| match (w.is_sphere(), w.profile) {
+    let sphere = |w: &Turned| match (w.is_sphere(), w.profile) {
         (true, Profile::Circle { center, radius }) => Some((w.point(0.0, [0.0, center[1]]), radius)),
         _ => None,
     };
-    let is_same = |other: &Wall| match (sphere(other), sphere(&wall)) {
+    let is_same = |other: &Turned| match (sphere(other), sphere(&wall)) {
         (Some((c, r)), Some((d, s))) => (r - s).abs() < same && (0..3).all(|k| (c[k] - d[k]).abs() < same),
         (None, None) => other.same(&wall, same, plan.size),
         _ => false,
@@ -73,7 +74,7 @@ fn axes_of(view: &ViewPlan, plan: &Plan) -> Vec<Axis> {
     found
 }
 
-fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, strict: bool) -> Vec<Wall> {
+fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, strict: bool) -> Vec<Turned> {
     let same = SAME * plan.size;
     let along = shown.kind.axes()[2];
     let axes = view.kind.axes();
@@ -123,7 +124,7 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, stri
                 bounds[a] = [axis_at[k] - reach, axis_at[k] + reach];
             }
             bounds[along] = [ends[0][1].min(ends[1][1]), ends[0][1].max(ends[1][1])];
-            let wall = Wall {
+            let wall = Turned {
                 axis: along,
                 center: axis_at,
                 profile,
@@ -160,7 +161,7 @@ fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius:
 
 /// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of the axis, or both sides reach beyond
 /// what that view shows.
-fn is_mirrored(plan: &Plan, wall: &Wall, seen_in: &ViewPlan, ends: [[f64; 2]; 2], side: Side) -> bool {
+fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 2], side: Side) -> bool {
     let same = SAME * plan.size;
     let mut others = plan
         .views

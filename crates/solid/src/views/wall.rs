@@ -1,13 +1,13 @@
 //! Walls: candidate surfaces that no view sees edge-on.
 //!
-//! A wall is turned about an axis that is parallel to a line of sight: a profile of the distance from the axis and the height along it. A straight profile makes a
-//! cone, a circle whose centre lies on the axis a sphere, any other circle a torus. As all axes are parallel to lines of sight, a line of sight meets a
-//! wall where it meets the profile, or the circle of its height: no equation of higher degree than two.
+//! They are turned about an axis that is parallel to a line of sight ([`Turned`]), or planes and cylinders oblique to all of them ([`Oblique`]).
+//! The line of sight through a point meets either where a square root says.
 
-use super::profile::Profile;
+use super::oblique_wall::Oblique;
+use super::turned_wall::Turned;
 use crate::brep::Surface;
 
-/// Which half of a torus' tube is meant; cones and spheres have only one.
+/// Which half of a torus' tube is meant; other surfaces have only one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Side {
     /// Nearer to the axis than the tube's middle.
@@ -26,15 +26,13 @@ pub(crate) struct Extent {
     pub(crate) side: Side,
 }
 
-/// A surface of revolution.
+/// A candidate surface that no view sees edge-on.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Wall {
-    pub(crate) axis: usize,
-    /// The axis' other two coordinates, in the order of [`Wall::across`].
-    pub(crate) center: [f64; 2],
-    /// By distance from the axis and height along it.
-    pub(crate) profile: Profile,
-    pub(crate) extents: Vec<Extent>,
+pub(crate) enum Wall {
+    /// About an axis parallel to a line of sight.
+    Turned(Turned),
+    /// A plane or cylinder oblique to all lines of sight.
+    Oblique(Oblique),
 }
 
 /// The two axes other than one.
@@ -43,187 +41,83 @@ pub(crate) fn across(axis: usize) -> [usize; 2] {
 }
 
 impl Wall {
-    /// The distance from the axis, and the height.
-    pub(crate) fn on_profile(&self, p: [f64; 3]) -> [f64; 2] {
-        let [a, b] = across(self.axis);
-        [(p[a] - self.center[0]).hypot(p[b] - self.center[1]), p[self.axis]]
+    /// Where it may stand.
+    pub(crate) fn extents(&self) -> &[Extent] {
+        match self {
+            Self::Turned(wall) => &wall.extents,
+            Self::Oblique(wall) => &wall.extents,
+        }
     }
 
-    /// The point of an angle around the axis and a point of the profile.
-    pub(crate) fn point(&self, angle: f64, [distance, height]: [f64; 2]) -> [f64; 3] {
-        let [a, b] = across(self.axis);
-        let mut p = [0.0; 3];
-        p[a] = self.center[0] + distance * angle.cos();
-        p[b] = self.center[1] + distance * angle.sin();
-        p[self.axis] = height;
-        p
+    /// The box around all of its extents.
+    pub(crate) fn bounds(&self) -> [[f64; 2]; 3] {
+        [0, 1, 2].map(|k| {
+            let ends = self.extents().iter().map(|e| e.bounds[k]);
+            ends.fold([f64::MAX, f64::MIN], |m, e| [m[0].min(e[0]), m[1].max(e[1])])
+        })
     }
 
     /// Signed distance from the whole surface.
     pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
-        self.profile.value(self.on_profile(p))
-    }
-
-    /// On which side of the wall a point is, where only one half of a tube is meant: beyond the tube's middle the wall goes on level.
-    pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
-        let at = self.on_profile(p);
-        match (side, &self.profile) {
-            (Side::Both, _) | (_, Profile::Line { .. }) => self.profile.value(at),
-            (_, Profile::Circle { center, radius }) => {
-                let other = (side == Side::Inner) == (at[0] > center[0]);
-                match other {
-                    true => (at[1] - center[1]).abs() - radius,
-                    false => self.profile.value(at),
-                }
-            }
+        match self {
+            Self::Turned(wall) => wall.value(p),
+            Self::Oblique(wall) => wall.value(p),
         }
     }
 
-    /// The gradient of the signed distance.
+    /// On which side of the wall a point is, where only one half of a tube or a sector of a cylinder is meant.
+    pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
+        match self {
+            Self::Turned(wall) => wall.value_of(side, p),
+            Self::Oblique(wall) => wall.value_of(p),
+        }
+    }
+
+    /// Whether a point lies so near to the wall; where an oblique one goes on level beyond its sector, it is no surface of the solid.
+    pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
+        match self {
+            Self::Turned(wall) => wall.value_of(side, p).abs() < near,
+            Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
+        }
+    }
+
+    /// The gradient of [`Wall::value_of`] on the wall.
+    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+        match self {
+            Self::Turned(wall) => wall.normal(p),
+            Self::Oblique(wall) => wall.normal_of(p),
+        }
+    }
+
+    /// The gradient of the signed distance from the whole surface.
     pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
-        let at = self.on_profile(p);
-        let n = self.profile.normal(at);
-        let [a, b] = across(self.axis);
-        let distance = at[0].max(f64::MIN_POSITIVE);
-        let mut normal = [0.0; 3];
-        normal[a] = n[0] * (p[a] - self.center[0]) / distance;
-        normal[b] = n[0] * (p[b] - self.center[1]) / distance;
-        normal[self.axis] = n[1];
-        normal
+        match self {
+            Self::Turned(wall) => wall.normal(p),
+            Self::Oblique(wall) => wall.normal(p),
+        }
     }
 
     /// Where the line along an axis through a point meets the wall; touching within a distance counts once.
     pub(crate) fn crossings(&self, side: Side, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
-        let at = self.on_profile(p);
-        let meant = |distance: f64| match (side, &self.profile) {
-            (Side::Both, _) | (_, Profile::Line { .. }) => distance >= 0.0,
-            (Side::Inner, Profile::Circle { center, .. }) => distance >= 0.0 && distance <= center[0] + touching,
-            (Side::Outer, Profile::Circle { center, .. }) => distance >= center[0] - touching,
-        };
-        if along == self.axis {
-            return match meant(at[0]) {
-                true => self.profile.crossings(0, at[0], touching),
-                false => Vec::new(),
-            };
+        match self {
+            Self::Turned(wall) => wall.crossings(side, along, p, touching),
+            Self::Oblique(wall) => wall.crossings(along, p, touching),
         }
-        let known = usize::from(across(self.axis)[0] == along);
-        let value = p[across(self.axis)[known]];
-        let mut found = Vec::new();
-        for radius in self.profile.crossings(1, at[1], touching) {
-            if meant(radius) {
-                let circle = Profile::Circle {
-                    center: self.center,
-                    radius,
-                };
-                found.extend(circle.crossings(known, value, touching));
-            }
-        }
-        found
     }
 
     /// Which side of the wall passes through a box; none where none does.
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
-        let mut found: Option<Side> = None;
-        for extent in &self.extents {
-            let ends = [0, 1, 2].map(|k| [lo[k].max(extent.bounds[k][0]), hi[k].min(extent.bounds[k][1])]);
-            if ends.iter().any(|e| e[1] - e[0] <= tolerance) || !self.crosses(ends, extent.side, tolerance) {
-                continue;
-            }
-            found = match found {
-                None => Some(extent.side),
-                Some(side) if side == extent.side => found,
-                _ => Some(Side::Both),
-            };
+        match self {
+            Self::Turned(wall) => wall.passes(lo, hi, tolerance),
+            Self::Oblique(wall) => wall.passes(lo, hi, tolerance).then_some(Side::Both),
         }
-        found
-    }
-
-    fn crosses(&self, ends: [[f64; 2]; 3], side: Side, tolerance: f64) -> bool {
-        let [a, b] = across(self.axis);
-        let near = |k: usize, c: f64| c - c.clamp(ends[k][0], ends[k][1]);
-        let far = |k: usize, c: f64| (c - ends[k][0]).abs().max((ends[k][1] - c).abs());
-        let [ca, cb] = self.center;
-        let mut radii = [near(a, ca).hypot(near(b, cb)), far(a, ca).hypot(far(b, cb))];
-        let heights = ends[self.axis];
-        match &self.profile {
-            Profile::Line { .. } => {
-                let values = [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[i, j]| self.profile.value([radii[i], heights[j]]));
-                values.iter().any(|v| *v > tolerance) && values.iter().any(|v| *v < -tolerance)
-            }
-            Profile::Circle { center, radius } => {
-                match side {
-                    Side::Inner => radii[1] = radii[1].min(center[0]),
-                    Side::Outer => radii[0] = radii[0].max(center[0]),
-                    Side::Both => {}
-                }
-                if radii[1] - radii[0] <= tolerance {
-                    return false;
-                }
-                let off = |range: [f64; 2], c: f64| {
-                    let near = c - c.clamp(range[0], range[1]);
-                    [near.abs(), (c - range[0]).abs().max((range[1] - c).abs())]
-                };
-                let (r, h) = (off(radii, center[0]), off(heights, center[1]));
-                r[0].hypot(h[0]) < radius - tolerance && r[1].hypot(h[1]) > radius + tolerance
-            }
-        }
-    }
-
-    /// Whether two walls lie on one surface.
-    pub(crate) fn same(&self, other: &Self, tolerance: f64, size: f64) -> bool {
-        self.axis == other.axis
-            && super::drawing::distance(self.center, other.center) < tolerance
-            && self.profile.same(&other.profile, tolerance, size)
-    }
-
-    /// Whether it is a sphere.
-    pub(crate) fn is_sphere(&self) -> bool {
-        matches!(self.profile, Profile::Circle { center, .. } if center[0] == 0.0)
     }
 
     /// The surface; its normal is the gradient's direction.
     pub(crate) fn surface(&self) -> Surface {
-        let unit_of = |k: usize, sign: f64| {
-            let mut e = [0.0; 3];
-            e[k] = sign;
-            e
-        };
-        let at = |height: f64| self.point(0.0, [0.0, height]);
-        let x = unit_of(across(self.axis)[0], 1.0);
-        match self.profile {
-            Profile::Circle { center, radius } if center[0] == 0.0 => Surface::Sphere {
-                center: at(center[1]),
-                axis: unit_of(self.axis, 1.0),
-                x,
-                radius,
-            },
-            Profile::Circle { center, radius } => Surface::Torus {
-                center: at(center[1]),
-                axis: unit_of(self.axis, 1.0),
-                x,
-                major: center[0],
-                minor: radius,
-            },
-            Profile::Line { normal, offset } => {
-                // Wider along +axis where the distance grows with the height: normal · (r, h) = offset.
-                let slope = -normal[1] / normal[0];
-                let middle = self
-                    .extents
-                    .iter()
-                    .map(|e| e.bounds[self.axis])
-                    .fold([f64::MAX, f64::MIN], |m, e| [m[0].min(e[0]), m[1].max(e[1])]);
-                let narrow = if slope > 0.0 { middle[0] } else { middle[1] };
-                let radius = ((offset - normal[1] * narrow) / normal[0]).max(0.0);
-                // At an apex rounding must leave no height.
-                let narrow = if radius < 1e-9 { offset / normal[1] } else { narrow };
-                Surface::Cone {
-                    origin: at(narrow),
-                    axis: unit_of(self.axis, slope.signum()),
-                    x,
-                    radius: if radius < 1e-9 { 0.0 } else { radius },
-                    half_angle_rad: slope.abs().atan(),
-                }
-            }
+        match self {
+            Self::Turned(wall) => wall.surface(),
+            Self::Oblique(wall) => wall.surface(),
         }
     }
 }

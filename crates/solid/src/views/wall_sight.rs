@@ -6,6 +6,7 @@ use super::cells::{Cells, pieces_in};
 use super::drawing::Drawing;
 use super::profile::Profile;
 use super::sight::{LookPlace, Looks, style_near};
+use super::turned_wall::Turned;
 use super::wall::{Side, Wall, across};
 use planish_estimate::vector3::{cross, dot, norm};
 use std::f64::consts::TAU;
@@ -19,8 +20,12 @@ impl Looks {
     /// Looks at what a view would show of walls.
     pub(super) fn at_walls(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         for wall in &cells.plan.walls {
-            self.outlines(cells, drawing, view, wall);
+            match wall {
+                Wall::Turned(wall) => self.outlines(cells, drawing, view, wall),
+                Wall::Oblique(wall) => self.oblique_outlines(cells, drawing, view, wall),
+            }
         }
+        self.oblique_crossings(cells, drawing, view);
         let n = [0, 1, 2].map(|a| cells.plan.intervals(a));
         for i in 0..n[0] {
             for j in 0..n[1] {
@@ -34,7 +39,7 @@ impl Looks {
     }
 
     /// A look at a point in space, across the image of a direction through it.
-    fn at_point(&mut self, cells: &Cells, drawing: &Drawing, view: usize, p: [f64; 3], tangent: [f64; 3]) {
+    pub(super) fn at_point(&mut self, cells: &Cells, drawing: &Drawing, view: usize, p: [f64; 3], tangent: [f64; 3]) {
         let axes = cells.plan.views[view].kind.axes();
         let at = [p[axes[0]], p[axes[1]]];
         let across = [-tangent[axes[1]], tangent[axes[0]]];
@@ -54,7 +59,7 @@ impl Looks {
         self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
     }
 
-    fn outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Wall) {
+    fn outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Turned) {
         let axes = cells.plan.views[view].kind.axes();
         if axes[2] == wall.axis {
             // Widest and narrowest circles.

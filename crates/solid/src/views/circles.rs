@@ -1,0 +1,358 @@
+//! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles along an axis, and that the other views show as well.
+
+use super::drawing::{Curve2, Drawing, distance_to_segment};
+use super::oblique::bounds_of;
+use super::oblique_wall::{Form, Oblique, Sector};
+use super::wall::{Extent, Side};
+use super::wireframe::Wireframe;
+use crate::brep::{along, unit};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+use std::f64::consts::TAU;
+
+/// A plane shows curves of a view where its normal leans so far towards the eye.
+const LEAST_LEAN: f64 = 1e-3;
+/// Exported curves miss what they mean by less than this share of the drawing's size.
+const ROUGH: f64 = 1e-3;
+/// Those that miss it by less are taken as they are.
+const EXACT: f64 = 1e-6;
+/// Curves of fewer points tell nothing.
+const LEAST_POINTS: usize = 5;
+/// Directions are one below this sine of the angle between them.
+const PARALLEL: f64 = 1e-4;
+/// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so large.
+const LEAST_STEEP: f64 = 0.2;
+/// Half of the widest sector for which the rest of a cylinder is not meant, in radians.
+const WIDEST: f64 = 1.5;
+/// Steps of Newton's method.
+const STEPS: usize = 8;
+
+/// A plane in which ends of cylinders may lie.
+struct Plane {
+    normal: [f64; 3],
+    offset: f64,
+}
+
+/// A circle across an axis on which a curve lies, seen along it.
+struct Circle {
+    axis: [f64; 3],
+    center: [f64; 3],
+    radius: f64,
+    /// The largest distance of its points.
+    off: f64,
+    /// The plane of its points.
+    plane: usize,
+    points: Vec<[f64; 3]>,
+}
+
+/// Cylinders whose ends lie in some oblique planes, or in planes that one view sees edge-on as slanted lines.
+pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique], near: f64) -> Vec<Oblique> {
+    let size = drawing.size();
+    let mut planes: Vec<Plane> = oblique
+        .iter()
+        .filter_map(|wall| match wall.form {
+            Form::Plane { normal, offset } => Some(Plane { normal, offset }),
+            Form::Cylinder { .. } => None,
+        })
+        .collect();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
+                continue;
+            }
+            let mut normal = [0.0; 3];
+            (normal[axes[0]], normal[axes[1]]) = (a[1] - b[1], b[0] - a[0]);
+            let normal = unit(normal);
+            let offset = normal[axes[0]] * a[0] + normal[axes[1]] * a[1];
+            let same = |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
+            if !planes.iter().any(same) {
+                planes.push(Plane { normal, offset });
+            }
+        }
+    }
+    let mut groups: Vec<Vec<Circle>> = Vec::new();
+    let axes = axes(frame);
+    for circle in (0..planes.len()).flat_map(|k| circles_in(drawing, &planes[k], k, &axes)) {
+        let same = |group: &Vec<Circle>| {
+            let known = &group[0];
+            let d = sub(circle.center, known.center);
+            let beside = along(d, -dot(d, known.axis), known.axis);
+            norm(cross(known.axis, circle.axis)) < ROUGH
+                && (known.radius - circle.radius).abs() < 2.0 * ROUGH * size
+                && norm(beside) < 2.0 * ROUGH * size
+        };
+        match groups.iter_mut().find(|g| same(g)) {
+            Some(group) => group.push(circle),
+            None => groups.push(vec![circle]),
+        }
+    }
+    groups
+        .iter()
+        .filter_map(|group| cylinder(drawing, frame, group, near))
+        .collect()
+}
+
+/// Directions of edges between ends of curves: along a cylinder from end to end.
+fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
+    let mut found: Vec<[f64; 3]> = Vec::new();
+    for [i, j] in &frame.edges {
+        if frame.ends_curve[*i] && frame.ends_curve[*j] {
+            let d = sub(frame.points[*j], frame.points[*i]);
+            match found
+                .iter_mut()
+                .find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d))
+            {
+                // The longer all edges of a direction are, the better they tell it.
+                Some(known) => *known = along(*known, dot(*known, d).signum(), d),
+                None => found.push(d),
+            }
+        }
+    }
+    found.into_iter().map(unit).collect()
+}
+
+/// The curves of all views that, lifted into a plane, are circles across its normal or an axis, and lie on something drawn in every other view.
+fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]]) -> Vec<Circle> {
+    let size = drawing.size();
+    let steep = axes.iter().copied().filter(|a| {
+        let cosine = dot(*a, plane.normal).abs();
+        cosine > LEAST_STEEP && cosine < 1.0 - PARALLEL * PARALLEL
+    });
+    let axes: Vec<[f64; 3]> = std::iter::once(plane.normal).chain(steep).collect();
+    let mut found = Vec::new();
+    for (v, view) in drawing.views.iter().enumerate() {
+        let [right, up, sight] = view.kind.axes();
+        let lean = plane.normal[sight];
+        if lean.abs() < LEAST_LEAN {
+            continue;
+        }
+        for drawn in &view.curves {
+            let Curve2::Chain(chain) = &drawn.curve else { continue };
+            if chain.len() < LEAST_POINTS {
+                continue;
+            }
+            let lifted = |q: &[f64; 2]| {
+                let mut p = [0.0; 3];
+                (p[right], p[up]) = (q[0], q[1]);
+                p[sight] = (plane.offset - dot(plane.normal, p)) / lean;
+                p
+            };
+            let points: Vec<[f64; 3]> = chain.iter().map(lifted).collect();
+            let mut is_seen = None;
+            for axis in &axes {
+                let (e1, e2) = tangents(*axis);
+                let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
+                let Some((center, radius)) = circle_through(&flat) else {
+                    continue;
+                };
+                let off = flat
+                    .iter()
+                    .map(|p| (super::drawing::distance(*p, center) - radius).abs())
+                    .fold(0.0, f64::max);
+                let is_circle = off < ROUGH * size && radius < size && radius > 10.0 * off;
+                if !is_circle || !*is_seen.get_or_insert_with(|| is_shown(drawing, v, &points, size)) {
+                    continue;
+                }
+                found.push(Circle {
+                    axis: *axis,
+                    center: along(scale(center[0], e1), center[1], e2),
+                    radius,
+                    off,
+                    plane: index,
+                    points: points.clone(),
+                });
+            }
+        }
+    }
+    found
+}
+
+/// The circle `x² + y² = 2 a x + 2 b y + c` of least squares (Kåsa 1976).
+fn circle_through(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
+    let count = points.len() as f64;
+    let middle = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for p in points {
+        let [x, y] = [p[0] - middle[0], p[1] - middle[1]];
+        let row = Vector3::new(2.0 * x, 2.0 * y, 1.0);
+        normal += row * row.transpose();
+        right += row * (x * x + y * y);
+    }
+    let found = normal.lu().solve(&right)?;
+    let square = found[2] + found[0] * found[0] + found[1] * found[1];
+    let is_circle = square.is_finite() && square > 0.0;
+    is_circle.then(|| ([middle[0] + found[0], middle[1] + found[1]], square.sqrt()))
+}
+
+/// Whether every other view draws something at the images of some points.
+fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> bool {
+    let others = drawing.views.iter().enumerate().filter(|(v, _)| *v != of);
+    others.into_iter().all(|(_, view)| {
+        let [right, up, _] = view.kind.axes();
+        let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
+        points.iter().all(|p| {
+            let q = [p[right], p[up]];
+            chains
+                .iter()
+                .flat_map(|c| c.windows(2))
+                .any(|pair| distance_to_segment(q, pair[0], pair[1]) < 2.0 * ROUGH * size)
+        })
+    })
+}
+
+/// The cylinder of circles about one axis; none where there is one end only, or nothing tells exactly where it is.
+fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -> Option<Oblique> {
+    let size = drawing.size();
+    let best = group.iter().min_by(|a, b| a.off.total_cmp(&b.off))?;
+    let axis = best.axis;
+    if group.iter().all(|c| c.plane == best.plane) {
+        return None;
+    }
+    let (origin, radius) = match best.off < EXACT * size {
+        true => (best.center, best.radius),
+        false => measured(drawing, frame, group, best, near)?,
+    };
+    let round = (radius * 1e4).round() / 1e4;
+    let radius = if (radius - round).abs() < EXACT * size {
+        round
+    } else {
+        radius
+    };
+    let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
+    let form = Form::Cylinder { origin, axis, radius };
+    Some(Oblique {
+        form,
+        sector: sector(axis, origin, &points),
+        extents: vec![Extent {
+            bounds: bounds_of(&points),
+            side: Side::Both,
+        }],
+    })
+}
+
+/// The sector of some points about an axis, where it is less than half of all: what is left of the widest gap.
+fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Sector> {
+    let (e1, e2) = tangents(axis);
+    let angle = |p: &[f64; 3]| {
+        let d = sub(*p, origin);
+        dot(d, e2).atan2(dot(d, e1))
+    };
+    let mut angles: Vec<f64> = points.iter().map(angle).collect();
+    angles.sort_by(f64::total_cmp);
+    angles.push(angles[0] + TAU);
+    let (gap, after) = angles
+        .windows(2)
+        .map(|a| (a[1] - a[0], a[1]))
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let half_width = (TAU - gap) / 2.0;
+    let (sin, cos) = (after + half_width).sin_cos();
+    (half_width < WIDEST).then(|| Sector {
+        middle: along(scale(cos, e1), sin, e2),
+        half_width,
+    })
+}
+
+/// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis, and straight outlines at the distance r from the
+/// axis' image. Newton's method for the two coordinates of the axis and the radius, by least squares.
+fn measured(
+    drawing: &Drawing,
+    frame: &Wireframe,
+    group: &[Circle],
+    best: &Circle,
+    near: f64,
+) -> Option<([f64; 3], f64)> {
+    let size = drawing.size();
+    let axis = best.axis;
+    let bounds = bounds_of(&group.iter().flat_map(|c| c.points.iter().copied()).collect::<Vec<_>>());
+    let across = |d: [f64; 3]| along(d, -dot(d, axis), axis);
+    let is_near = |far: f64| (far - best.radius).abs() < 2.0 * ROUGH * size;
+    let mut points: Vec<[f64; 3]> = (0..frame.points.len())
+        .filter(|k| frame.ends_curve[*k])
+        .map(|k| frame.points[k])
+        .filter(|p| (0..3).all(|k| p[k] > bounds[k][0] - near && p[k] < bounds[k][1] + near))
+        .filter(|p| is_near(norm(across(sub(*p, best.center)))))
+        .collect();
+    // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline stands.
+    let mut lines: Vec<([f64; 3], f64)> = Vec::new();
+    for view in &drawing.views {
+        let [right, up, sight] = view.kind.axes();
+        let mut e = [0.0; 3];
+        e[sight] = 1.0;
+        let beside = unit(cross(axis, e));
+        for drawn in &view.curves {
+            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
+            let far = at(a) - dot(beside, best.center);
+            if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
+                lines.push((scale(far.signum(), beside), far.signum() * at(a)));
+            }
+        }
+    }
+    // Edges may lie nearly where an outline does: the worst is left out while others tell as much.
+    loop {
+        let found = adjusted(axis, (best.center, best.radius), &points, &lines)?;
+        let off = &found.residuals;
+        let worst = (0..off.len()).max_by(|a, b| off[*a].total_cmp(&off[*b]))?;
+        if off[worst] < near {
+            return Some((found.center, found.radius));
+        }
+        match worst < points.len() {
+            true => points.remove(worst),
+            false => {
+                lines.remove(worst - points.len());
+                continue;
+            }
+        };
+    }
+}
+
+/// A cylinder's place and radius with the absolute residuals of what tells them.
+struct Adjusted {
+    center: [f64; 3],
+    radius: f64,
+    residuals: Vec<f64>,
+}
+
+/// The axis' place and the radius by least squares, with the absolute residuals; none where points and outlines leave them open, or only just tell them.
+fn adjusted(
+    axis: [f64; 3],
+    (mut center, mut radius): ([f64; 3], f64),
+    points: &[[f64; 3]],
+    lines: &[([f64; 3], f64)],
+) -> Option<Adjusted> {
+    let (e1, e2) = tangents(axis);
+    let count = points.len() + lines.len();
+    if count < 4 {
+        return None;
+    }
+    let mut residuals = Vec::new();
+    for _ in 0..STEPS {
+        let mut rows = Vec::new();
+        for p in points {
+            let d = sub(*p, center);
+            let d = along(d, -dot(d, axis), axis);
+            let n = unit(d);
+            rows.push(([-dot(n, e1), -dot(n, e2), -1.0], norm(d) - radius));
+        }
+        for (n, at) in lines {
+            rows.push(([-dot(*n, e1), -dot(*n, e2), -1.0], at - dot(*n, center) - radius));
+        }
+        residuals = rows.iter().map(|r| r.1.abs()).collect();
+        let jacobian = DMatrix::from_fn(count, 3, |i, j| rows[i].0[j]);
+        let misclosure = DVector::from_fn(count, |i, _| -rows[i].1);
+        let svd = jacobian.svd(true, true);
+        if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
+            return None;
+        }
+        let step = svd.solve(&misclosure, 1e-12).ok()?;
+        center = along(along(center, step[0], e1), step[1], e2);
+        radius += step[2];
+    }
+    Some(Adjusted {
+        center,
+        radius,
+        residuals,
+    })
+}

@@ -1,0 +1,95 @@
+//! Where planes and cylinders oblique to all views would be seen: cylinders' outlines, and the curves in which such walls meet each other.
+
+use super::candidates::{Candidate, corners, curves};
+use super::cells::Cells;
+use super::drawing::Drawing;
+use super::oblique_wall::Oblique;
+use super::sight::Looks;
+use super::surfaces::Curve3;
+use super::wall::Wall;
+use crate::brep::along;
+use planish_estimate::vector3::{cross, norm, sub};
+use std::f64::consts::TAU;
+
+/// Looks along a cylinder's outline.
+const ALONG: usize = 24;
+/// Shares of a stretch between two corners at which it is looked at.
+const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
+
+impl Looks {
+    /// Looks along the outlines of an oblique cylinder.
+    pub(super) fn oblique_outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Oblique) {
+        let sight = cells.plan.views[view].kind.axes()[2];
+        let Some((points, direction)) = wall.outlines(sight) else {
+            return;
+        };
+        let [from, to] = wall.span();
+        for point in points {
+            for k in 0..ALONG {
+                let share = (k as f64 + 0.37) / ALONG as f64;
+                let p = along(point, from + share * (to - from), direction);
+                self.at_point(cells, drawing, view, p, direction);
+            }
+        }
+    }
+
+    /// Looks along the curves in which two walls meet, of which one at least is oblique, between the corners with third ones.
+    pub(super) fn oblique_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
+        let plan = cells.plan;
+        let walls: Vec<Candidate> = plan.walls.iter().cloned().map(Candidate::Wall).collect();
+        let bounds = [0, 1, 2].map(|a| [plan.grid[a][0], plan.grid[a][plan.grid[a].len() - 1]]);
+        for i in 0..walls.len() {
+            for j in i + 1..walls.len() {
+                let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], Wall::Oblique(_)));
+                if !oblique || !overlap(&plan.walls[i], &plan.walls[j], plan.tolerance) {
+                    continue;
+                }
+                for meeting in curves(&walls[i], &walls[j], plan.size, plan.tolerance) {
+                    let mut cuts = Vec::new();
+                    for k in (0..walls.len()).filter(|k| *k != i && *k != j) {
+                        let three = [&walls[i], &walls[j], &walls[k]];
+                        let found = corners(three, &meeting.curve, bounds, plan.tolerance);
+                        cuts.extend(
+                            found
+                                .into_iter()
+                                .filter_map(|p| meeting.curve.parameter(p, plan.tolerance)),
+                        );
+                    }
+                    for t in stretches(&meeting.curve, cuts) {
+                        let p = meeting.curve.point(t);
+                        let in_box = cells.box_of(p);
+                        let stands = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
+                        if stands(i) && stands(j) {
+                            let tangent = cross(walls[i].normal(p), walls[j].normal(p));
+                            if norm(tangent) > 1e-6 {
+                                self.at_point(cells, drawing, view, p, tangent);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn overlap(a: &Wall, b: &Wall, tolerance: f64) -> bool {
+    let (a, b) = (a.bounds(), b.bounds());
+    (0..3).all(|k| a[k][0] < b[k][1] + tolerance && b[k][0] < a[k][1] + tolerance)
+}
+
+/// Parameters between each two neighbours of some cuts of a curve.
+fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
+    cuts.sort_by(f64::total_cmp);
+    if let Some(period) = curve.period() {
+        if cuts.is_empty() {
+            cuts.extend([0.0, 0.25 * period, 0.5 * period, 0.75 * period]);
+        }
+        cuts.push(cuts[0] + period);
+    }
+    let length = |from: f64, to: f64| norm(sub(curve.point(to), curve.point(from)));
+    let within = |c: &&[f64]| c[1] - c[0] > 1e-9 * TAU && length(c[0], c[1]) > 0.0 || c[1] - c[0] > 1.0;
+    cuts.windows(2)
+        .filter(within)
+        .flat_map(|c| SHARES.map(|s| c[0] + s * (c[1] - c[0])))
+        .collect()
+}

@@ -1,0 +1,251 @@
+//! Planes and cylinders oblique to all lines of sight.
+
+use super::wall::{Extent, Side};
+use crate::brep::{Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+
+/// Halvings of a stretch of an axis in which the point nearest to a box is sought.
+const HALVINGS: usize = 60;
+
+/// What an oblique wall is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Form {
+    /// `normal · p = offset`, the normal of unit length.
+    Plane { normal: [f64; 3], offset: f64 },
+    /// All points at the radius from an axis of unit length.
+    Cylinder {
+        origin: [f64; 3],
+        axis: [f64; 3],
+        radius: f64,
+    },
+}
+
+/// Less than half of a cylinder: a sector about a direction across its axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sector {
+    /// To its middle, of unit length and across the axis.
+    pub(crate) middle: [f64; 3],
+    /// From its middle to either end, in radians; less than π/2.
+    pub(crate) half_width: f64,
+}
+
+/// A plane or a cylinder that no view sees edge-on.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Oblique {
+    pub(crate) form: Form,
+    /// The part of a cylinder that is meant; all of it where there is none.
+    pub(crate) sector: Option<Sector>,
+    pub(crate) extents: Vec<Extent>,
+}
+
+impl Oblique {
+    /// A wall that may stand in a box.
+    pub(crate) fn within(form: Form, bounds: [[f64; 2]; 3]) -> Self {
+        let side = Side::Both;
+        Self {
+            form,
+            sector: None,
+            extents: vec![Extent { bounds, side }],
+        }
+    }
+
+    /// On which side of the wall a point is: beyond a cylinder's sector the wall goes on level, as a plane that touches it.
+    pub(crate) fn value_of(&self, p: [f64; 3]) -> f64 {
+        match (self.form, self.end_near(p)) {
+            (Form::Cylinder { origin, axis, radius }, Some(end)) => dot(end, from_axis(origin, axis, p)) - radius,
+            _ => self.value(p),
+        }
+    }
+
+    /// Whether a point is within the cylinder's sector; all are where there is none.
+    pub(crate) fn is_within(&self, p: [f64; 3]) -> bool {
+        self.end_near(p).is_none()
+    }
+
+    /// The gradient of [`Oblique::value_of`].
+    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+        self.end_near(p).unwrap_or_else(|| self.normal(p))
+    }
+
+    /// The end of a cylinder's sector, as a unit vector across the axis, beyond which a point is; none where it is within.
+    fn end_near(&self, p: [f64; 3]) -> Option<[f64; 3]> {
+        let (Form::Cylinder { origin, axis, .. }, Some(sector)) = (self.form, self.sector) else {
+            return None;
+        };
+        let d = from_axis(origin, axis, p);
+        let aside = cross(axis, sector.middle);
+        let angle = dot(d, aside).atan2(dot(d, sector.middle));
+        (angle.abs() > sector.half_width).then(|| sector_end(axis, sector, angle.signum()))
+    }
+
+    /// Signed distance.
+    pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
+        match self.form {
+            Form::Plane { normal, offset } => dot(normal, p) - offset,
+            Form::Cylinder { origin, axis, radius } => norm(from_axis(origin, axis, p)) - radius,
+        }
+    }
+
+    /// The gradient of the signed distance.
+    pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+        match self.form {
+            Form::Plane { normal, .. } => normal,
+            Form::Cylinder { origin, axis, .. } => unit(from_axis(origin, axis, p)),
+        }
+    }
+
+    /// Where the line along an axis of the frame through a point meets it; touching within a distance counts once.
+    pub(crate) fn crossings(&self, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
+        let mut found = self.crossings_of_all(along, p, touching);
+        let (Form::Cylinder { origin, axis, radius }, Some(sector)) = (self.form, self.sector) else {
+            return found;
+        };
+        let end_at = |depth: f64| {
+            let mut at = p;
+            at[along] = depth;
+            self.end_near(at)
+        };
+        found.retain(|depth| end_at(*depth).is_none());
+        // Where the line meets the planes beyond the sector.
+        let mut start = p;
+        start[along] = 0.0;
+        for end in [-1.0, 1.0].map(|sign| sector_end(axis, sector, sign)) {
+            let depth = (radius - dot(end, from_axis(origin, axis, start))) / end[along];
+            let is_on = depth.is_finite() && end_at(depth).is_some_and(|e| dot(e, end) > 1.0 - 1e-12);
+            found.extend(is_on.then_some(depth));
+        }
+        found
+    }
+
+    fn crossings_of_all(&self, along: usize, mut p: [f64; 3], touching: f64) -> Vec<f64> {
+        p[along] = 0.0;
+        match self.form {
+            Form::Plane { normal, offset } => vec![(offset - dot(normal, p)) / normal[along]],
+            Form::Cylinder { origin, axis, radius } => {
+                // |b + t a| = r, across the axis.
+                let mut e = [0.0; 3];
+                e[along] = 1.0;
+                let (a, b) = (from_axis([0.0; 3], axis, e), from_axis(origin, axis, p));
+                let square = dot(a, a);
+                let nearest = -dot(a, b) / square;
+                let least = norm(crate::brep::along(b, nearest, a));
+                if (least - radius).abs() <= touching {
+                    return vec![nearest];
+                }
+                if least > radius {
+                    return Vec::new();
+                }
+                let half = ((radius - least) * (radius + least) / square).sqrt();
+                vec![nearest - half, nearest + half]
+            }
+        }
+    }
+
+    /// Whether it passes through a box, within its extents.
+    pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> bool {
+        self.extents.iter().any(|extent| {
+            let ends = [0, 1, 2].map(|k| [lo[k].max(extent.bounds[k][0]), hi[k].min(extent.bounds[k][1])]);
+            ends.iter().all(|e| e[1] - e[0] > tolerance) && self.crosses(ends, tolerance)
+        })
+    }
+
+    fn crosses(&self, ends: [[f64; 2]; 3], tolerance: f64) -> bool {
+        let corners = (0..8_usize).map(|c| [0, 1, 2].map(|k| ends[k][c >> k & 1]));
+        let values: Vec<f64> = corners.clone().map(|p| self.value(p)).collect();
+        let is_beyond = values.iter().any(|v| *v > tolerance);
+        match self.form {
+            Form::Plane { .. } => is_beyond && values.iter().any(|v| *v < -tolerance),
+            Form::Cylinder { origin, axis, radius } => {
+                // The distance of a point of the axis from the box is convex along the axis.
+                let off = |t: f64| {
+                    let p = along(origin, t, axis);
+                    norm([0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])))
+                };
+                let heights: Vec<f64> = corners.map(|p| dot(sub(p, origin), axis)).collect();
+                let mut lo = heights.iter().copied().fold(f64::MAX, f64::min) - radius;
+                let mut hi = heights.iter().copied().fold(f64::MIN, f64::max) + radius;
+                for _ in 0..HALVINGS {
+                    let (a, b) = (lo + (hi - lo) * 0.4, lo + (hi - lo) * 0.6);
+                    match off(a) < off(b) {
+                        true => hi = b,
+                        false => lo = a,
+                    }
+                }
+                is_beyond && off((lo + hi) / 2.0) < radius - tolerance
+            }
+        }
+    }
+
+    /// The surface; its normal is the gradient's direction.
+    pub(crate) fn surface(&self) -> Surface {
+        match self.form {
+            Form::Plane { normal, offset } => Surface::Plane {
+                origin: scale(offset, normal),
+                normal,
+                x: tangents(normal).0,
+            },
+            Form::Cylinder { origin, axis, radius } => Surface::Cylinder {
+                origin,
+                axis,
+                x: tangents(axis).0,
+                radius,
+            },
+        }
+    }
+
+    /// A lattice of a cylinder's points: rows along the axis, each of so many around; empty for a plane.
+    pub(crate) fn lattice(&self, rows: usize, around: usize) -> Vec<Vec<[f64; 3]>> {
+        let Form::Cylinder { origin, axis, radius } = self.form else {
+            return Vec::new();
+        };
+        let (x, y) = tangents(axis);
+        let [from, to] = self.span();
+        let share = |k: usize, of: usize| (k as f64 + 0.213) / of as f64;
+        (0..rows)
+            .map(|row| {
+                let middle = along(origin, from + (to - from) * share(row, rows), axis);
+                let turn = |k: usize| std::f64::consts::TAU * share(k, around);
+                let at = |k: usize| along(along(middle, radius * turn(k).cos(), x), radius * turn(k).sin(), y);
+                (0..around).map(at).collect()
+            })
+            .collect()
+    }
+
+    /// How far a cylinder's extents reach along its axis from its origin.
+    pub(crate) fn span(&self) -> [f64; 2] {
+        let Form::Cylinder { origin, axis, .. } = self.form else {
+            return [0.0; 2];
+        };
+        let mut span = [f64::MAX, f64::MIN];
+        for extent in &self.extents {
+            for c in 0..8_usize {
+                let h = dot(sub([0, 1, 2].map(|k| extent.bounds[k][c >> k & 1]), origin), axis);
+                span = [span[0].min(h), span[1].max(h)];
+            }
+        }
+        span
+    }
+
+    /// A cylinder's outlines along a line of sight: a point of each, and their direction.
+    pub(crate) fn outlines(&self, sight: usize) -> Option<([[f64; 3]; 2], [f64; 3])> {
+        let Form::Cylinder { origin, axis, radius } = self.form else {
+            return None;
+        };
+        let mut e = [0.0; 3];
+        e[sight] = 1.0;
+        let across = unit(cross(axis, e));
+        Some(([-radius, radius].map(|r| along(origin, r, across)), axis))
+    }
+}
+
+/// A unit vector across the axis to an end of a sector.
+fn sector_end(axis: [f64; 3], sector: Sector, sign: f64) -> [f64; 3] {
+    let (sin, cos) = sector.half_width.sin_cos();
+    along(scale(cos, sector.middle), sign * sin, cross(axis, sector.middle))
+}
+
+/// The part of the way from a point of an axis to another point that runs across the axis.
+fn from_axis(origin: [f64; 3], axis: [f64; 3], p: [f64; 3]) -> [f64; 3] {
+    let d = sub(p, origin);
+    along(d, -dot(d, axis), axis)
+}
