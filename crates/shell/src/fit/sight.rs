@@ -17,10 +17,14 @@ use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch};
 const PIECES: usize = 8;
 /// Intervals for all minima of a line.
 const FINE_PIECES: usize = 64;
+/// Minima closer together than the mesh's size over this are not told apart.
+const NARROW: f64 = 150.0;
 /// Looks at the mesh on one line, at most.
 const MOST_LOOKS: usize = 120;
 /// A slope of `D` along the line that counts as none: what `D` lacks of its minimum is half its square over the curvature.
-const SLOPE: f64 = 1e-4;
+const SLOPE: f64 = 1e-3;
+/// Doublings of an interval that does not hold the minimum.
+const WIDER: u32 = 5;
 /// Steps towards a minimum, at most.
 const MOST_STEPS: usize = 24;
 
@@ -63,7 +67,7 @@ impl<'a> Sight<'a> {
             search,
             center: bounds.center(),
             radius: 0.51 * diagonal,
-            width: softness.max(diagonal / 500.0),
+            width: softness.max(diagonal / NARROW),
             softness,
         }
     }
@@ -166,6 +170,19 @@ impl<'a> Sight<'a> {
         };
         let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
         let mut best = look(near)?;
+        // A soft shell need not be nearest where the mesh is: downhill, in steps that grow.
+        for double in 0..WIDER {
+            let step = reach * f64::from(1_u32 << double);
+            if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
+                (high, best) = (best, low);
+                low = look((best.0 - step).max(0.0))?;
+            } else if high.1 <= 0.0 && high.2.distance <= best.2.distance {
+                (low, best) = (best, high);
+                high = look(best.0 + step)?;
+            } else {
+                break;
+            }
+        }
         let bracketed = low.1 < 0.0 && high.1 > 0.0;
         if bracketed {
             // The slope's sign changes between low and high: the secant, and halves where the slope jumps.
@@ -176,7 +193,7 @@ impl<'a> Sight<'a> {
                     high = best
                 }
                 let width = high.0 - low.0;
-                if best.1.abs() < SLOPE || width < 1e-4 * self.softness {
+                if best.1.abs() < SLOPE || width < 1e-3 * self.softness {
                     break;
                 }
                 let share = -low.1 / (high.1 - low.1);
