@@ -207,8 +207,10 @@ fn shaken_cameras_are_found_with_the_shape() {
             made.iterations
         );
         assert!(made.pose_covariances[0].is_none() && made.cameras[0] == cameras[0]);
+        // The outlines of a thing that is all but round say little of how a camera is turned about its axis.
+        let left = if tracks.is_empty() { 0.8 } else { 0.25 };
         assert!(
-            after.0 < 0.3 * before.0 && after.1 < 0.4 * before.1,
+            after.0 < left * before.0 && after.1 < left * before.1,
             "{before:?} {after:?}"
         );
         assert!((0.4..2.0).contains(&squares), "{squares}");
