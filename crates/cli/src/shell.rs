@@ -19,6 +19,7 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         mesh: args.mesh.clone(),
         points: args.points.clone(),
         silhouettes: args.silhouettes.clone(),
+        sequence: args.sequence.clone(),
         deformation: args.deformation.into(),
         controls: args.controls as usize,
         controls_file: args.controls_file.clone(),
@@ -100,6 +101,33 @@ fn fit_text(report: &ShellFitReport) -> String {
                 ("IoU before", Align::Right),
                 ("after", Align::Right),
                 ("", Align::Left),
+            ],
+            &rows,
+        );
+        lines.gap();
+    }
+    if !report.frames.is_empty() {
+        let shown = |value: Option<f64>| value.map_or_else(String::new, |value| significant(value, 3));
+        let rows: Vec<Vec<String>> = (report.frames.iter())
+            .map(|frame| {
+                vec![
+                    frame.frame.clone(),
+                    shown(frame.rms_points),
+                    shown(frame.rms_silhouettes_px),
+                    shown(frame.iou),
+                    shown(frame.surprise),
+                    significant(frame.sigma, 3),
+                ]
+            })
+            .collect();
+        lines.table(
+            &[
+                ("frame", Align::Left),
+                ("rms points", Align::Right),
+                ("rms outlines px", Align::Right),
+                ("IoU", Align::Right),
+                ("surprise/σ", Align::Right),
+                ("σ", Align::Right),
             ],
             &rows,
         );

@@ -29,10 +29,11 @@ Examples:
   planish shell fit mesh.obj --points cloud.ply -o fitted.ply -o fitted.glb
   planish shell fit ball.ply --silhouettes views.toml --controls 100 -o fitted.ply
   planish shell fit mesh.ply --points cloud.ply --silhouettes views.toml --metaball spherical -o fitted.obj
+  planish shell fit body.ply --sequence frames --controls 40 -o moved.ply
 
 Points are read as by `planish fit`, with σ or covariance where the file has them. views.toml holds a table [[view]] for each view: K, R and t (X_camera = R X + t; x right, y down, pixel \
 centres at integers) or P, and mask = \"a.png\"; optionally name, image, contours = \"a.csv\" (x,y of places on outlines inside of the mask), held_out = true (the view only judges), and for one view or \
-for all: mask_threshold, sigma_px, and sigma_rotation_deg with sigma_translation, which make its pose one of the unknowns. tracks = \"tracks.csv\" (track,view,x,y) beside them holds features that were followed over views.
+for all: mask_threshold, mask_least_share (specks and holes below it are filled), sigma_px, and sigma_rotation_deg with sigma_translation, which make its pose one of the unknowns. tracks = \"tracks.csv\" (track,view,x,y) beside them holds features that were followed over views.
 Meshes need neither be closed nor manifold; for silhouettes their faces have to be turned the same way. PLY and GLB hold sigma, along the normal, and observed: 1 where more than half of what is known comes from the readings.";
 
 /// Arguments of `planish shell fit`.
@@ -43,11 +44,14 @@ pub struct ShellFitArgs {
     #[arg(value_name = "MESH", value_hint = ValueHint::FilePath)]
     pub mesh: PathBuf,
     /// Points that it is to go through (repeatable)
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, required_unless_present = "silhouettes")]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, required_unless_present_any = ["silhouettes", "sequence"])]
     pub points: Vec<PathBuf>,
     /// Cameras with the masks that it is to fill: views.toml, see below
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub silhouettes: Option<PathBuf>,
+    /// A folder with one for each frame of something that moves, in the order of their names, each with views.toml, points.* or both; meshes are written as NAME.FRAME.ply
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath, conflicts_with_all = ["points", "silhouettes"])]
+    pub sequence: Option<PathBuf>,
     /// Mesh to write; may be repeated: .ply, .glb, .obj, .stl
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
@@ -67,7 +71,7 @@ pub struct ShellFitArgs {
     #[arg(long, value_enum, default_value_t = MetaballName::Triangular)]
     pub metaball: MetaballName,
     /// Places on the border of a mask are at least so far apart
-    #[arg(long, value_name = "PIXELS", default_value_t = 4.0, value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PIXELS", default_value_t = 5.0, value_parser = positive, allow_negative_numbers = true)]
     pub outline_step: f64,
     /// Take every stated σ for true, instead of finding one factor for points and one for outlines
     #[arg(long)]

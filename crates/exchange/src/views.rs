@@ -5,6 +5,7 @@
 //! ```toml
 //! unit = "mm"                     # of every length; may be left out
 //! mask_threshold = 40             # what is brighter is the thing; halfway between a mask's darkest and brightest pixel where it is left out
+//! mask_least_share = 0.01         # specks and holes of less than this share of the thing's pixels are filled
 //! sigma_px = 0.5                  # σ of a place on the border of a mask, across it
 //! sigma_rotation_deg = 1.0        # σ of poses that are uncertain: about each axis, and along each; poses are known where these are left out
 //! sigma_translation = 5.0
@@ -25,7 +26,7 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may stand in a view as well, and then hold for it. Paths are those beside the file.
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may stand in a view as well, and then hold for it. Paths are those beside the file.
 //!
 //! Not guaranteed: lenses are taken for undistorted.
 
@@ -58,6 +59,8 @@ pub struct ViewFile {
     pub contours: Vec<([f64; 2], f64)>,
     /// What of the mask is the thing.
     pub mask_threshold: Option<f64>,
+    /// Specks and holes that are filled, as a share of the thing's pixels.
+    pub mask_least_share: Option<f64>,
     /// σ of a place on the mask's border, in pixels.
     pub sigma_px: f64,
     /// Whether it only judges.
@@ -85,6 +88,7 @@ pub struct Views {
 struct Table {
     unit: Option<String>,
     mask_threshold: Option<f64>,
+    mask_least_share: Option<f64>,
     sigma_px: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     sigma_translation: Option<f64>,
@@ -100,6 +104,7 @@ struct View {
     mask: Option<PathBuf>,
     contours: Option<PathBuf>,
     mask_threshold: Option<f64>,
+    mask_least_share: Option<f64>,
     sigma_px: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     sigma_translation: Option<f64>,
@@ -126,7 +131,7 @@ pub fn read_views(path: &Path) -> Result<Views> {
 fn parse(text: &str, folder: &Path) -> Result<Views> {
     let t: Table = table(
         text,
-        "views need [[view]] with K, R and t, or P, and may have name, image, mask, contours and held_out; beside them there may be mask_threshold, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit",
+        "views need [[view]] with K, R and t, or P, and may have name, image, mask, contours and held_out; beside them there may be mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit",
     )?;
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
@@ -194,6 +199,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             mask: view.mask.as_ref().map(|file| folder.join(file)),
             contours,
             mask_threshold: view.mask_threshold.or(t.mask_threshold),
+            mask_least_share: view.mask_least_share.or(t.mask_least_share),
             sigma_px,
             held_out: view.held_out,
         });

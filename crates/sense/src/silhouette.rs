@@ -34,7 +34,7 @@ impl Default for SilhouetteOptions {
             apart_px: 3.0,
             sigma_px: 0.5,
             least_share: 0.01,
-            samples: 800,
+            samples: 500,
         }
     }
 }
@@ -79,6 +79,12 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
                 "the {name} of a silhouette is a positive number of pixels, got {value}"
             )));
         }
+    }
+    if !(0.0..=1.0).contains(&options.least_share) {
+        return Err(Error::input(format!(
+            "the least share of a part of a silhouette is from 0 to 1, got {}",
+            options.least_share
+        )));
     }
     let (columns, rows) = (picture.columns, picture.rows);
     let (low, high) = (picture.values.iter()).fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {

@@ -17,6 +17,7 @@
 mod equations;
 mod problem;
 mod readings;
+mod sequence;
 mod sight;
 mod smoothness;
 mod solve;
@@ -25,6 +26,8 @@ mod tracks;
 pub use readings::{
     FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings, ShellView, Sighting,
 };
+
+pub use sequence::{FrameFit, ShellTracker};
 
 use crate::camera::Camera;
 use crate::deformation::Deformation;
@@ -53,6 +56,8 @@ pub struct ShellFitOptions {
     pub believe_sigma: bool,
     /// `K`, of all parameters: what is smooth. Nothing is asked for where none is given.
     pub stiffness: Option<DMatrix<f64>>,
+    /// Parameters where the fit starts, and from which on displacements are to be smooth; the prior's mean, or none, where it is not given.
+    pub start: Option<DVector<f64>>,
     /// What is known of the parameters before.
     pub prior: Option<ParameterPrior>,
     /// Facets that spherical shells are subdivided into, at most.
@@ -69,6 +74,7 @@ impl Default for ShellFitOptions {
             loss: Loss::tukey(),
             believe_sigma: false,
             stiffness: None,
+            start: None,
             prior: None,
             most_facets: 200_000,
         }
@@ -206,11 +212,17 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
             )));
         }
     }
-    if let Some(prior) = options.prior.as_ref().filter(|prior| prior.mean.len() != parameters) {
-        return Err(Error::input(format!(
-            "the prior is of {} parameters, and there are {parameters}",
-            prior.mean.len()
-        )));
+    let lengths = [
+        ("the prior", options.prior.as_ref().map(|prior| &prior.mean)),
+        ("the start", options.start.as_ref()),
+    ];
+    for (name, vector) in lengths {
+        if let Some(q) = vector.filter(|q| q.len() != parameters) {
+            return Err(Error::input(format!(
+                "{name} is of {} parameters, and there are {parameters}",
+                q.len()
+            )));
+        }
     }
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {

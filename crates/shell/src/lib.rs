@@ -20,7 +20,8 @@ pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, Vert
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use fit::{
-    FeatureTrack, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit, ShellFitOptions,
-    ShellReadings, ShellView, Sighting, SourceFit, fit_points, fit_shell, of_three_coordinates,
+    FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit,
+    ShellFitOptions, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points, fit_shell,
+    of_three_coordinates,
 };
 pub use natural_neighbour::{NaturalNeighbours, Weight};

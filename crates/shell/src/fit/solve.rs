@@ -20,6 +20,13 @@ const REACH: f64 = 9.0;
 const GATE: f64 = 3.0;
 /// A weight below which a reading is a gross error.
 const NOTHING: f64 = 0.05;
+/// Damping is raised so often before an iteration is given up.
+const TRIES: usize = 8;
+/// How much stiffer a mesh is in the first iteration, and how much of that is left after each.
+const STIFFER: f64 = 100.0;
+const STIFF_LASTS: f64 = 0.75;
+/// No control moves farther at once than this share of the mesh's size: equations are linear only near by.
+const LONGEST: f64 = 0.03;
 /// Residuals that a scale needs.
 const LEAST_READINGS: usize = 8;
 /// Of more unknowns no redundancy is counted: it costs as much as the fit.
@@ -31,6 +38,8 @@ const TURNED: usize = 50;
 struct Known<'a> {
     smooth: Smoothness,
     options: &'a ShellFitOptions,
+    /// Parameters from which what is smooth is counted.
+    start: DVector<f64>,
     /// Of every pose in the state: its view, its noise, and the camera as it was given.
     poses: Vec<(usize, PoseNoise)>,
     readings: &'a ShellReadings<'a>,
@@ -44,7 +53,7 @@ impl Known<'_> {
         let mut own = information.view_mut((0, 0), (parameters, parameters));
         own += weight * &self.smooth.stiffness;
         let mut slope = vector.rows_mut(0, parameters);
-        slope -= weight * (&self.smooth.stiffness * &state.q);
+        slope -= weight * (&self.smooth.stiffness * (&state.q - &self.start));
         if let Some(prior) = &self.options.prior {
             own += &prior.information;
             slope -= &prior.information * (&state.q - &prior.mean);
@@ -63,7 +72,7 @@ impl Known<'_> {
 
     /// What the priors cost.
     fn cost(&self, state: &State, weight: f64) -> f64 {
-        let mut sum = 0.5 * weight * self.smooth.roughness(&state.q);
+        let mut sum = 0.5 * weight * self.smooth.roughness(&(&state.q - &self.start));
         if let Some(prior) = &self.options.prior {
             let off = &state.q - &prior.mean;
             sum += 0.5 * off.dot(&(&prior.information * &off));
@@ -139,14 +148,20 @@ pub(super) fn solve(
         }
     }
     let stiffness = (options.stiffness.clone()).unwrap_or_else(|| DMatrix::zeros(parameters, parameters));
+    let start = match (&options.start, &options.prior) {
+        (Some(start), _) => start.clone(),
+        (None, Some(prior)) => prior.mean.clone(),
+        (None, None) => DVector::zeros(parameters),
+    };
     let mut known = Known {
         smooth: Smoothness::new(stiffness)?,
         options,
+        start,
         poses,
         readings,
     };
     let mut state = State {
-        q: (options.prior.as_ref()).map_or_else(|| DVector::zeros(parameters), |prior| prior.mean.clone()),
+        q: known.start.clone(),
         cameras: readings.views.iter().map(|view| view.camera).collect(),
     };
     let mut factors = [1.0; SCALES];
@@ -154,6 +169,8 @@ pub(super) fn solve(
     let mut iterations = 0;
     let mut termination = Termination::Limit;
     let mut last: Option<(Vec<Equations>, f64)> = None;
+    // Parameters that are no displacements have other units.
+    let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
     for step in 0..options.steps {
         let share = if options.steps > 1 {
@@ -179,7 +196,7 @@ pub(super) fn solve(
             },
             slots: &slots,
         };
-        let mut damping = 1e-6;
+        let mut damping = 1e-3;
         termination = Termination::Limit;
         let mut equations = problem.equations(&state)?;
         let mut weight = 0.0;
@@ -198,13 +215,17 @@ pub(super) fn solve(
                 true,
             );
             let alone = known.without_poses(&state, &pass)?;
-            weight = known.smooth.weight(&alone.information, &alone.vector, &state.q)?;
+            weight = (known.smooth).weight(&alone.information, &alone.vector, &(&state.q - &known.start))?;
+            if step == 0 {
+                // From far away a mesh comes stiff first: what pulls at it is not yet where it belongs.
+                weight *= 1.0 + STIFFER * STIFF_LASTS.powi(iterations as i32);
+            }
             let (wanted, slope) = known.add(&state, weight, &pass);
             let before = cost(&equations, &options.loss, &factors) + known.cost(&state, weight);
             let mut accepted = None;
             let mut shorter = false;
-            for _ in 0..8 {
-                let change = damped_step(&wanted, damping, &slope)?;
+            for _ in 0..TRIES {
+                let change = bounded_step(&wanted, damping, &slope, parameters, longest)?;
                 let next = moved(&state, &change, &known);
                 let tried = problem.equations(&next)?;
                 let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
@@ -370,6 +391,19 @@ fn moved(state: &State, change: &DVector<f64>, known: &Known<'_>) -> State {
         next.cameras[*view] = state.cameras[*view].moved(by);
     }
     next
+}
+
+/// A step that is shortened where a parameter would move farther than stated.
+fn bounded_step(
+    equations: &DMatrix<f64>,
+    damping: f64,
+    right: &DVector<f64>,
+    parameters: usize,
+    longest: Option<f64>,
+) -> Result<DVector<f64>> {
+    let change = damped_step(equations, damping, right)?;
+    let share = longest.map_or(1.0, |longest| longest / change.rows(0, parameters).amax().max(longest));
+    Ok(change * share)
 }
 
 /// `(N + μ diag N) x = b`.
