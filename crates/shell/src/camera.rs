@@ -46,13 +46,14 @@ impl Camera {
         })
     }
 
-    /// A camera from its projection matrix `P ∝ K [R t]`, row by row (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*, 2003, section 6.2.4).
+    /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that the third coordinate of what lies in front is positive (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*, 2003, section 6.2.4).
+    /// Where the left part has a negative determinant, pictures are mirrored, and the first focal length is negative.
     ///
     /// # Errors
     /// `Input` where something is not finite, or the left 3 × 3 part has no inverse.
     pub fn from_projection(p: [[f64; 4]; 3]) -> Result<Self> {
-        let mut m = Matrix3::from_fn(|i, j| p[i][j]);
-        let mut last = Vector3::from_fn(|i, _| p[i][3]);
+        let m = Matrix3::from_fn(|i, j| p[i][j]);
+        let last = Vector3::from_fn(|i, _| p[i][3]);
         let determinant = m.determinant();
         let size = m.norm();
         if !(m.iter().chain(&last).all(|x| x.is_finite()) && determinant.abs() > 1e-12 * size.powi(3)) {
@@ -63,10 +64,6 @@ impl Camera {
                     "needed a projection matrix whose left 3 × 3 part has an inverse, found {p:?}"
                 )));
             }
-        }
-        if determinant < 0.0 {
-            m = -m;
-            last = -last;
         }
         // M = K R: rows of R by Gram-Schmidt from the last one up.
         let [first, second, third] = [0, 1, 2].map(|i| m.row(i).transpose());
@@ -80,6 +77,7 @@ impl Camera {
         k[(0, 2)] = first.dot(&r3);
         k[(0, 1)] = first.dot(&r2);
         let r1 = r2.cross(&r3);
+        // Negative for the picture of a mirror: of an x axis to the left, or of a y axis upwards.
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
         let inverse = k
@@ -140,7 +138,7 @@ impl Camera {
     /// The width of a pixel at a place: `∂D/∂(x, y)` of a distance across the line of sight.
     pub(crate) fn by_pixel_at_most(&self, at: [f64; 3]) -> f64 {
         let depth = (self.r * Vector3::from(at) + self.t).z;
-        depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).sqrt()
+        depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).abs().sqrt()
     }
 
     /// How `D` at a place on a line of sight changes with the pose `(ω, τ)`, the pixel being held: `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
@@ -189,9 +187,9 @@ mod tests {
     }
 
     #[test]
-    fn a_projection_matrix_says_the_same_at_any_scale_and_sign() {
+    fn a_projection_matrix_says_the_same_at_any_scale_and_in_a_mirror() {
         let camera = camera();
-        for factor in [1.0, -0.03, 50.0] {
+        for factor in [1.0, 0.03, 50.0] {
             let p: [[f64; 4]; 3] = std::array::from_fn(|i| {
                 std::array::from_fn(|j| {
                     let m = camera.k * camera.r;
@@ -203,6 +201,22 @@ mod tests {
             assert!((same.k - camera.k).amax() < 1e-9 && (same.r - camera.r).amax() < 1e-12);
             assert!((same.t - camera.t).amax() < 1e-9);
         }
+        // The same with x to the left: places are seen where they were, mirrored.
+        let mirrored: [[f64; 4]; 3] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let m = camera.k * camera.r;
+                let last = camera.k * camera.t;
+                let sign = if i == 0 { -1.0 } else { 1.0 };
+                sign * if j < 3 { m[(i, j)] } else { last[i] }
+            })
+        });
+        let other = Camera::from_projection(mirrored).unwrap();
+        let at = [0.3, -0.4, 0.5];
+        let ([x, y], depth) = camera.project(at).unwrap();
+        let ([u, v], same) = other.project(at).unwrap();
+        assert!((x + u).abs() < 1e-9 && (y - v).abs() < 1e-9 && (depth - same).abs() < 1e-9);
+        let way = Vector3::from(other.direction([u, v]));
+        assert!((way - Vector3::from(camera.direction([x, y]))).norm() < 1e-9);
         assert!(Camera::from_projection([[1.0, 2.0, 3.0, 4.0]; 3]).is_err());
         assert!(Camera::new([[1.0, 0.0, 0.0]; 3], [[1.0, 0.0, 0.0]; 3], [0.0; 3]).is_err());
     }

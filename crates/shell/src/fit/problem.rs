@@ -207,6 +207,10 @@ impl Problem<'_> {
         shares: &mut Vec<Share>,
         made: &mut Equations,
     ) {
+        if camera.project(touch.at).is_none() {
+            // The mesh has moved behind the camera: nothing is seen of it there.
+            return;
+        }
         let mut vertices = Vec::new();
         match &touch.made_of {
             MadeOf::Foot(foot) => {

@@ -139,6 +139,14 @@ pub(super) fn solve(
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
     let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
     let oriented = is_oriented(mesh, with_outlines)?;
+    let middle = BoundingBox::of(&mesh.positions).map_or([0.0; 3], |b| b.center());
+    for (v, view) in readings.views.iter().enumerate() {
+        if view.camera.project(middle).is_none() {
+            return Err(Error::input(format!(
+                "view {v}: the mesh lies behind the camera: its pose, or the sign of its projection matrix, is another"
+            )));
+        }
+    }
     let mut slots = vec![None; readings.views.len()];
     let mut poses = Vec::new();
     for (v, view) in readings.views.iter().enumerate() {
