@@ -135,6 +135,7 @@ fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
 
 /// Cameras shaken by 1° and 1 % of their distance come back by outlines, features and a rough model; the first two are known. Their σ is true.
 #[test]
+#[ignore = "takes longer than five seconds"]
 fn shaken_cameras_are_found_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
@@ -220,6 +221,7 @@ fn shaken_cameras_are_found_with_the_shape() {
 
 /// A ball that is far too large comes in, one that is far too small goes out.
 #[test]
+#[ignore = "takes longer than five seconds"]
 fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
     let truth = truth(10, 4);
     let views: Vec<ShellView> = (around(8, 5.0).iter())
