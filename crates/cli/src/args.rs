@@ -2,6 +2,7 @@
 
 use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
 use crate::merge_args::MergeArgs;
+use crate::shell_args::ShellArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -58,6 +59,8 @@ pub enum Command {
     Merge(MergeArgs),
     /// Say where to measure next, so that a model becomes better known
     Next(NextArgs),
+    /// Wrap any mesh in an implicit shell and fit it to points and silhouettes
+    Shell(ShellArgs),
     /// Turn two or three views of a drawing into solids
     Solid(SolidArgs),
     /// Make measurements whose truth is known

@@ -18,6 +18,8 @@ mod numbers;
 mod progress;
 mod report;
 mod sense;
+mod shell;
+mod shell_args;
 mod simulate;
 mod solid;
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Next(args) => next::run(&args),
+        Command::Shell(args) => shell::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };

@@ -16,6 +16,7 @@
 //! | [`dxf`] | DXF, ASCII | curves of drawings in |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
 //! | [`raster`] | TIFF, NPY | numbers of every pixel out |
+//! | [`views`] | `views.toml` | cameras with masks, contours and tracks in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
@@ -46,6 +47,7 @@ pub mod raster;
 pub mod step;
 pub mod stl;
 pub mod svg;
+pub mod views;
 pub mod vrip;
 pub mod xyz;
 

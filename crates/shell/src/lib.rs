@@ -5,6 +5,7 @@
 //!
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
+mod camera;
 mod controls;
 mod deformation;
 mod delaunay;
@@ -13,9 +14,14 @@ mod fit;
 mod natural_neighbour;
 mod skeleton;
 
+pub use camera::Camera;
 pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
 pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
-pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
+pub use fit::{
+    FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit,
+    ShellFitOptions, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points, fit_shell,
+    of_three_coordinates,
+};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -1,0 +1,183 @@
+//! The table of docs/shells.md: meshes deformed by known controls, noisy points of them with gross errors, and how far the fitted shell is from the truth beside a fit that is told which place of the mesh each point is of.
+//!
+//! `cargo run --release -p planish --example shell_accuracy POINTS CONTROLS MESH...`
+
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::vector3::{add, add_scaled, dot, sub};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::read_mesh;
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, sample_points};
+use planish_shell::{
+    Deformation, Dirichlet, Metaball, PointReading, ShellFitOptions, automatic_controls, displacements, fit_points,
+    of_three_coordinates, stiffness,
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::time::Instant;
+
+fn main() -> Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |k: usize| arguments.get(k).and_then(|word| word.parse::<usize>().ok());
+    let (Some(points), Some(controls)) = (number(0), number(1)) else {
+        return Err(Error::input("needed POINTS CONTROLS MESH..."));
+    };
+    println!(
+        "| mesh | facets | metaballs | open / non-manifold edges | start, σ | shell, σ | true places, σ | ratio | covered | gross found | good lost | s |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for path in &arguments[2..] {
+        let file = read_mesh(path.as_ref())?;
+        let mesh = TriangleMesh {
+            positions: file.points,
+            triangles: file.triangles,
+        };
+        for metaball in [Metaball::Triangular, Metaball::Spherical] {
+            one(path, &mesh, points, controls, metaball)?;
+        }
+    }
+    Ok(())
+}
+
+fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball: Metaball) -> Result<()> {
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let sigma = 0.002 * size;
+    let controls = automatic_controls(mesh, controls)?;
+    let deformation = Dirichlet::new(&controls.points, &mesh.positions)?;
+    let k = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
+    let affine: [f64; 9] = std::array::from_fn(|_| 0.04 * normal());
+    let wave: [f64; 9] = std::array::from_fn(|_| 5.0 / size * normal());
+    let center = BoundingBox::of(&mesh.positions).map_or([0.0; 3], |b| b.center());
+    let q = DVector::from_iterator(
+        deformation.parameters(),
+        controls.points.iter().flat_map(|p| {
+            let p = sub(*p, center);
+            let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
+            let own: [f64; 3] = std::array::from_fn(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin());
+            own
+        }),
+    );
+    let by = displacements(&deformation, &q);
+    let truth = TriangleMesh {
+        positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        triangles: mesh.triangles.clone(),
+    };
+    let bounds = BoundingBox::of(&truth.positions).ok_or_else(|| Error::input("an empty mesh"))?;
+    let mut places = ChaCha8Rng::seed_from_u64(12);
+    let samples = sample_points(&truth, count, || places.random_range(0.0..1.0))?;
+    let (mut readings, mut good) = (Vec::new(), Vec::new());
+    for sample in &samples {
+        let gross = places.random_range(0.0..1.0) < 0.1;
+        let at = std::array::from_fn(|k| {
+            if gross {
+                bounds.center()[k] + size * places.random_range(-0.5..0.5)
+            } else {
+                sample.position[k] + sigma * normal()
+            }
+        });
+        let v = sigma * sigma;
+        readings.push(PointReading {
+            at,
+            covariance: [v, 0.0, 0.0, v, 0.0, v],
+        });
+        good.push(!gross);
+    }
+    let options = ShellFitOptions {
+        metaball,
+        stiffness: Some(k.clone()),
+        ..ShellFitOptions::default()
+    };
+    let started = Instant::now();
+    let made = fit_points(mesh, &deformation, &readings, &options)?;
+    let seconds = started.elapsed().as_secs_f64();
+    // The same, with the facet that each good point is of, along its normal.
+    let normals = truth.face_normals();
+    let basis = deformation.basis();
+    let (mut information, mut vector) = (DMatrix::zeros(basis, basis), DVector::zeros(basis));
+    for ((reading, sample), _) in readings.iter().zip(&samples).zip(&good).filter(|(_, good)| **good) {
+        let vertices = mesh.triangles[sample.triangle as usize];
+        let direction = normals[sample.triangle as usize];
+        let rest = (0..3).fold([0.0; 3], |sum, k| {
+            add_scaled(sum, sample.barycentric[k], mesh.positions[vertices[k] as usize])
+        });
+        let mut row = DVector::zeros(basis);
+        for (vertex, w) in vertices.iter().zip(sample.barycentric) {
+            deformation.row(*vertex, direction, &mut |k, entry| row[k] += w * entry);
+        }
+        vector.axpy(dot(sub(reading.at, rest), direction) / (sigma * sigma), &row, 1.0);
+        information.ger(1.0 / (sigma * sigma), &row, &row, 1.0);
+    }
+    let r = deformation.reduction().ok_or_else(|| Error::input("no reduction"))?;
+    let equations = r.tr_mul(&(information * r)) + made.smoothness_weight * k;
+    let told = (equations.cholesky())
+        .ok_or_else(|| Error::undetermined("no fit by true places"))?
+        .solve(&r.tr_mul(&vector));
+    let by = displacements(&deformation, &told);
+    let told: Vec<[f64; 3]> = mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect();
+
+    let search = MeshSearch::try_new(&truth)?;
+    // Places spread over the area, not vertices: those crowd where a mesh is fine.
+    let mut spread = ChaCha8Rng::seed_from_u64(13);
+    let judged = sample_points(mesh, 4000, || spread.random_range(0.0..1.0))?;
+    let heights = |positions: &[[f64; 3]]| -> Vec<f64> {
+        (judged.iter())
+            .map(|place| {
+                let corners = mesh.triangles[place.triangle as usize];
+                let at = (0..3).fold([0.0; 3], |sum, k| {
+                    add_scaled(sum, place.barycentric[k], positions[corners[k] as usize])
+                });
+                search.closest(at).map_or(0.0, |foot| foot.distance)
+            })
+            .collect()
+    };
+    let rms = |values: &[f64]| (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt();
+    let ours = heights(&made.positions);
+    let theirs = heights(&told);
+    let before = heights(&mesh.positions);
+    let mut covered = 0;
+    for (place, height) in judged.iter().zip(&ours) {
+        let corners = mesh.triangles[place.triangle as usize];
+        let mut row = DVector::zeros(basis);
+        for (vertex, w) in corners.iter().zip(place.barycentric) {
+            deformation.row(*vertex, normals[place.triangle as usize], &mut |k, entry| {
+                row[k] += w * entry
+            });
+        }
+        let row = r.tr_mul(&row);
+        let stated = row.dot(&(&made.covariance * &row)).max(0.0).sqrt();
+        covered += usize::from(height.abs() < 1.96 * stated);
+    }
+    let found = made
+        .points
+        .outliers
+        .iter()
+        .zip(&good)
+        .filter(|(o, good)| **o && !**good)
+        .count();
+    let lost = made
+        .points
+        .outliers
+        .iter()
+        .zip(&good)
+        .filter(|(o, good)| **o && **good)
+        .count();
+    let of_good = good.iter().filter(|good| **good).count();
+    let check = mesh.welded().check();
+    let name = path.rsplit('/').next().unwrap_or(path);
+    println!(
+        "| {name} | {} | {metaball:?} | {} / {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.3} | {:.3} | {:.4} | {seconds:.1} |",
+        mesh.triangles.len(),
+        check.boundary_edges,
+        check.nonmanifold_edges,
+        rms(&before) / sigma,
+        rms(&ours) / sigma,
+        rms(&theirs) / sigma,
+        rms(&ours) / rms(&theirs),
+        f64::from(covered) / judged.len() as f64,
+        found as f64 / (good.len() - of_good) as f64,
+        lost as f64 / of_good as f64
+    );
+    Ok(())
+}

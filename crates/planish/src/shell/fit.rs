@@ -1,0 +1,433 @@
+//! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of views.
+//!
+//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
+//!
+//! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or that does not overlap its masks.
+
+mod input;
+mod report;
+
+use super::overlap::intersection_over_union;
+use crate::model::SigmaSummary;
+use crate::output::refuse_input_as_output;
+use crate::progress::{Progress, WRITING_STAGE};
+use input::{Frame, FrameFiles, Moved, Units};
+use planish_estimate::{Error, Result, Termination};
+use planish_exchange::mesh::{Column, MeshColumns, is_mesh_file, read_mesh, write_mesh};
+use planish_exchange::{Unit, check_writable};
+use planish_mesh::{BoundingBox, TriangleMesh};
+pub use planish_shell::Metaball;
+use planish_shell::{Camera, FrameFit, ShellFit, ShellFitOptions, ShellTracker, SourceFit, fit_shell};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Neighbours that controls without a triangulation are joined to.
+const NEIGHBOURS: usize = 6;
+/// A vertex is measured where at least so much of what is known of it comes from the readings.
+const MEASURED: f64 = 0.5;
+
+/// What moves the mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DeformationKind {
+    /// Natural neighbours of control points.
+    #[default]
+    Dirichlet,
+    /// A lattice of control points around the mesh.
+    Lattice,
+    /// Every vertex.
+    Vertices,
+    /// The principal modes of a family of meshes.
+    Modes,
+}
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellFitJob {
+    /// The mesh.
+    pub mesh: PathBuf,
+    /// Files of points.
+    pub points: Vec<PathBuf>,
+    /// Cameras and masks.
+    pub silhouettes: Option<PathBuf>,
+    /// A folder with one for each frame of something that moves, instead of points and silhouettes.
+    pub sequence: Option<PathBuf>,
+    /// What moves the mesh.
+    pub deformation: DeformationKind,
+    /// How many controls, where none are given: of a lattice all its points, of modes the most.
+    pub controls: usize,
+    /// Control points.
+    pub controls_file: Option<PathBuf>,
+    /// The family whose modes move the mesh: the same vertices in every file.
+    pub family: Vec<PathBuf>,
+    /// What metaballs are built around.
+    pub metaball: Metaball,
+    /// Places on the border of a mask are at least so far apart, in pixels.
+    pub outline_step_px: f64,
+    /// Whether σ of points and outlines are what is stated.
+    pub believe_sigma: bool,
+    /// Meshes to write.
+    pub outputs: Vec<PathBuf>,
+    /// The unit where no file names it.
+    pub unit: Option<Unit>,
+}
+
+/// What became of readings of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReadingsReport {
+    /// How many there were.
+    pub count: usize,
+    /// How many of them are gross errors.
+    pub outliers: usize,
+    /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
+    pub rms: f64,
+    /// By how much their σ are larger than stated.
+    pub sigma_factor: f64,
+}
+
+impl ReadingsReport {
+    fn of(source: &SourceFit) -> Option<Self> {
+        (!source.outliers.is_empty()).then(|| Self {
+            count: source.outliers.len(),
+            outliers: source.outliers.iter().filter(|outlier| **outlier).count(),
+            rms: source.rms,
+            sigma_factor: source.sigma_factor,
+        })
+    }
+}
+
+/// A pose that was uncertain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PoseReport {
+    /// Its view.
+    pub view: String,
+    /// How far it was turned, in degrees.
+    pub turned_deg: f64,
+    /// How far it was moved.
+    pub moved: f64,
+    /// `R`, row by row.
+    pub r: [[f64; 3]; 3],
+    /// `t`.
+    pub t: [f64; 3],
+    /// σ about each axis of the camera, in degrees.
+    pub sigma_rotation_deg: [f64; 3],
+    /// σ along each axis of the camera.
+    pub sigma_translation: [f64; 3],
+}
+
+/// A frame of a sequence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FrameReport {
+    /// Its folder's name.
+    pub frame: String,
+    /// Root mean square of the distances of points that are no gross errors.
+    pub rms_points: Option<f64>,
+    /// The same of places on outlines, in pixels.
+    pub rms_silhouettes_px: Option<f64>,
+    /// The mean over its views of how far what they show agrees with their masks.
+    pub iou: Option<f64>,
+    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the first.
+    pub surprise: Option<f64>,
+    /// The median σ of vertices along normals.
+    pub sigma: f64,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShellFitReport {
+    /// Root mean square of the distances of points that are no gross errors.
+    pub rms_points: Option<f64>,
+    /// The same of places on outlines, in pixels.
+    pub rms_silhouettes_px: Option<f64>,
+    /// How far what each view shows agrees with its mask.
+    pub iou: BTreeMap<String, f64>,
+    /// The same before the fit.
+    pub iou_before: BTreeMap<String, f64>,
+    /// Views that took no part.
+    pub held_out: Vec<String>,
+    /// How many controls there are; parameters, of modes.
+    pub controls: usize,
+    /// Gross errors of all kinds.
+    pub outliers: usize,
+    /// Points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<ReadingsReport>,
+    /// Places on outlines.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outlines: Option<ReadingsReport>,
+    /// Tracked features.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracks: Option<ReadingsReport>,
+    /// Poses that were uncertain.
+    pub poses: Vec<PoseReport>,
+    /// σ of the vertices that were measured, along normals.
+    pub sigma: SigmaSummary,
+    /// The share of vertices of which more than half of what is known comes from the readings.
+    pub observed_fraction: f64,
+    /// The weight of smoothness, by marginal likelihood.
+    pub smoothness_weight: f64,
+    /// Iterations.
+    pub iterations: usize,
+    /// Frames of a sequence; all above is of the last.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub frames: Vec<FrameReport>,
+    /// How it ended.
+    pub termination: &'static str,
+    /// The unit of lengths.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// Every file that was read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Every file that was written.
+    #[serde(skip)]
+    pub written: Vec<PathBuf>,
+    /// What a user should know.
+    #[serde(skip)]
+    pub warnings: Vec<String>,
+}
+
+/// Fits, and writes what was asked for.
+///
+/// # Errors
+/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense, units that differ, and everything that [`fit_shell`] refuses; `Undetermined` where the readings do not say where the mesh is.
+pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
+    let mut inputs = vec![job.mesh.clone()];
+    inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
+    let frames = match &job.sequence {
+        Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => {
+            return Err(Error::input(
+                "a sequence holds its points and silhouettes in the folders of its frames",
+            ));
+        }
+        Some(folder) => input::frames_of(folder)?,
+        None => vec![FrameFiles {
+            name: String::new(),
+            points: job.points.clone(),
+            silhouettes: job.silhouettes.clone(),
+        }],
+    };
+    inputs.extend(
+        frames
+            .iter()
+            .flat_map(|frame| frame.points.iter().chain(&frame.silhouettes))
+            .cloned(),
+    );
+    let outputs = outputs_of(job, &frames, &inputs)?;
+    progress.check("reading", 0.0)?;
+    let mut units = Units::of(job.unit);
+    let mut mesh = read_template(job, &mut units)?;
+    let Moved {
+        deformation,
+        stiffness,
+        prior,
+        controls,
+    } = input::moved(job, &mut mesh)?;
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
+    let options = ShellFitOptions {
+        metaball: job.metaball,
+        believe_sigma: job.believe_sigma,
+        stiffness,
+        prior,
+        iterations: 20,
+        ..ShellFitOptions::default()
+    };
+    let mut tracker = match &job.sequence {
+        Some(_) => Some(ShellTracker::new(&mesh, &*deformation, options.clone())?),
+        None => None,
+    };
+    let (mut warnings, mut of_frames, mut last) = (Vec::new(), Vec::new(), None);
+    for (k, files) in frames.iter().enumerate() {
+        let stage = if tracker.is_some() { "following" } else { "fitting" };
+        progress.check(stage, 0.05 + 0.9 * k as f64 / frames.len() as f64)?;
+        let in_frame = |e: Error| {
+            if files.name.is_empty() {
+                e
+            } else {
+                e.in_context(format!("frame {}", files.name))
+            }
+        };
+        let frame = Frame::read(job, files, size, &mut units, &mut warnings)?;
+        inputs.extend(frame.files.iter().cloned());
+        let made = match &mut tracker {
+            Some(tracker) => tracker.follow(&frame.readings()),
+            None => fit_shell(&mesh, &*deformation, &frame.readings(), &options).map(|fit| FrameFit {
+                fit,
+                predicted: None,
+                acceleration: 0.0,
+            }),
+        };
+        let FrameFit {
+            fit: made, predicted, ..
+        } = made.map_err(in_frame)?;
+        let found = TriangleMesh {
+            positions: made.positions.clone(),
+            triangles: mesh.triangles.clone(),
+        };
+        let (normals, sigma, observed) = report::known(&found, &made, &*deformation);
+        for output in &outputs[k] {
+            write_mesh(
+                output,
+                &MeshColumns {
+                    points: &found.positions,
+                    normals: Some(&normals),
+                    columns: vec![("sigma", Column::F64(&sigma)), ("observed", Column::U8(&observed))],
+                    triangles: &found.triangles,
+                    unit: Some(units.unit()),
+                },
+            )?;
+        }
+        let iou = overlap(&frame, &found, &made.cameras);
+        if tracker.is_some() {
+            of_frames.push(FrameReport {
+                frame: files.name.clone(),
+                rms_points: ReadingsReport::of(&made.points).map(|r| r.rms),
+                rms_silhouettes_px: ReadingsReport::of(&made.outlines).map(|r| r.rms),
+                iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
+                surprise: predicted.map(|q| (&made.parameters - q).norm() / made.covariance.trace().sqrt()),
+                sigma: report::sigma_summary(sigma.clone()).median,
+            });
+        }
+        last = Some((frame, made, iou, sigma, observed));
+    }
+    progress.check(WRITING_STAGE, 0.98)?;
+    let (frame, made, iou, sigma, observed) = last.ok_or_else(|| Error::input("a sequence without frames"))?;
+    let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
+    let iou_before = overlap(&frame, &mesh, &given);
+    let measured: Vec<f64> = (sigma.iter().zip(&observed))
+        .filter(|(_, o)| **o == 1)
+        .map(|(s, _)| *s)
+        .collect();
+    Ok(summary(&frame, &made, controls, &mut warnings).finished(
+        iou,
+        iou_before,
+        measured.len() as f64 / sigma.len().max(1) as f64,
+        report::sigma_summary(measured),
+        of_frames,
+        (units.unit(), inputs, outputs.concat(), warnings),
+    ))
+}
+
+/// Where the meshes of each frame go.
+fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
+    let of_frame = |frame: &FrameFiles, output: &Path| match job.sequence {
+        None => output.to_owned(),
+        Some(_) => {
+            let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+            let ending = output.extension().unwrap_or_default().to_string_lossy();
+            output.with_file_name(format!("{stem}.{}.{ending}", frame.name))
+        }
+    };
+    (frames.iter())
+        .map(|frame| {
+            (job.outputs.iter())
+                .map(|output| {
+                    if !is_mesh_file(output) {
+                        return Err(Error::unsupported(format!(
+                            "{}: a fitted shell is written as .ply, .glb, .obj or .stl",
+                            output.display()
+                        )));
+                    }
+                    let output = of_frame(frame, output);
+                    refuse_input_as_output(&output, inputs)?;
+                    check_writable(&output)?;
+                    Ok(output)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<TriangleMesh> {
+    let file = read_mesh(&job.mesh)?;
+    units.add(file.unit, &job.mesh)?;
+    match file.triangles.is_empty() {
+        true => Err(Error::undetermined(format!(
+            "{}: has no faces: a shell needs a mesh",
+            job.mesh.display()
+        ))),
+        false => Ok(TriangleMesh {
+            positions: file.points,
+            triangles: file.triangles,
+        }),
+    }
+}
+
+/// How far what each view shows of a mesh agrees with its mask.
+fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<String, f64> {
+    (frame.views.iter().zip(&frame.masks).zip(cameras))
+        .filter_map(|((view, mask), camera)| {
+            (mask.as_ref()).map(|mask| (view.name.clone(), intersection_over_union(mesh, camera, mask)))
+        })
+        .collect()
+}
+
+/// What the fit itself says.
+fn summary(frame: &Frame, made: &ShellFit, controls: usize, warnings: &mut Vec<String>) -> ShellFitReport {
+    let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
+    let [points, outlines, tracks] = of;
+    for (what, report) in [("points", &points), ("outlines", &outlines)] {
+        if let Some(report) = report.filter(|r| 3 * r.outliers > r.count) {
+            warnings.push(format!(
+                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or have started too far away",
+                report.outliers, report.count
+            ));
+        }
+    }
+    ShellFitReport {
+        rms_points: points.map(|r| r.rms),
+        rms_silhouettes_px: outlines.map(|r| r.rms),
+        iou: BTreeMap::new(),
+        iou_before: BTreeMap::new(),
+        held_out: (frame.views.iter())
+            .filter(|view| view.held_out)
+            .map(|view| view.name.clone())
+            .collect(),
+        controls,
+        outliers: of.iter().flatten().map(|r| r.outliers).sum(),
+        points,
+        outlines,
+        tracks,
+        poses: report::poses(frame, made),
+        sigma: report::sigma_summary(Vec::new()),
+        observed_fraction: 0.0,
+        smoothness_weight: made.smoothness_weight,
+        iterations: made.iterations,
+        frames: Vec::new(),
+        termination: match made.termination {
+            Termination::Converged => "converged",
+            Termination::ReachedTolerance => "reached_tolerance",
+            _ => "limit",
+        },
+        unit: Unit::Millimetre,
+        inputs: Vec::new(),
+        written: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+impl ShellFitReport {
+    #[allow(clippy::type_complexity, reason = "the last four go together")]
+    fn finished(
+        self,
+        iou: BTreeMap<String, f64>,
+        iou_before: BTreeMap<String, f64>,
+        observed_fraction: f64,
+        sigma: SigmaSummary,
+        frames: Vec<FrameReport>,
+        (unit, inputs, written, warnings): (Unit, Vec<PathBuf>, Vec<PathBuf>, Vec<String>),
+    ) -> Self {
+        Self {
+            iou,
+            iou_before,
+            observed_fraction,
+            sigma,
+            frames,
+            unit,
+            inputs,
+            written,
+            warnings,
+            ..self
+        }
+    }
+}

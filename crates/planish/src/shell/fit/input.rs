@@ -1,0 +1,391 @@
+//! What a shell is fitted to, read from files.
+
+use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::read_mesh;
+use planish_exchange::picture::read_brightness;
+use planish_exchange::views::{ViewFile, Views, read_views};
+use planish_exchange::{Unit, read_inputs};
+use planish_mesh::TriangleMesh;
+use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
+use planish_shell::{
+    Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior,
+    PointReading, ShellReadings, ShellView, Sighting, VertexDisplacements, automatic_controls, nearest_pairs,
+    of_three_coordinates, stiffness,
+};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// σ of points that state none, as a share of the mesh's size: only their ratios count, the residuals say the rest.
+const UNKNOWN_SIGMA: f64 = 1e-3;
+/// σ by which a tracked feature may lie off the mesh, as a share of its size.
+const SURFACE_SIGMA: f64 = 1e-3;
+/// Vertices that may each move on their own: equations are dense.
+const MOST_VERTICES: usize = 600;
+
+/// A deformation with what is smooth in it, and what is known before.
+pub(super) struct Moved {
+    pub deformation: Box<dyn Deformation>,
+    pub stiffness: Option<DMatrix<f64>>,
+    pub prior: Option<ParameterPrior>,
+    pub controls: usize,
+}
+
+/// The files of one frame.
+#[derive(Debug, Clone, Default)]
+pub(super) struct FrameFiles {
+    pub name: String,
+    pub points: Vec<PathBuf>,
+    pub silhouettes: Option<PathBuf>,
+}
+
+/// The readings of one frame.
+pub(super) struct Frame {
+    pub points: Vec<PointReading>,
+    pub views: Vec<ViewFile>,
+    pub masks: Vec<Option<Silhouette>>,
+    pub fitted: Vec<ShellView>,
+    pub tracks: Vec<FeatureTrack>,
+    /// Files that were read beside those that were named.
+    pub files: Vec<PathBuf>,
+}
+
+impl Frame {
+    pub(super) fn readings(&self) -> ShellReadings<'_> {
+        ShellReadings {
+            points: &self.points,
+            views: &self.fitted,
+            tracks: &self.tracks,
+        }
+    }
+
+    /// Reads the files of a frame; `size` is the mesh's.
+    pub(super) fn read(
+        job: &ShellFitJob,
+        files: &FrameFiles,
+        size: f64,
+        units: &mut Units,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let points = read_points(job, &files.points, size, units, warnings)?;
+        let mut read = Vec::new();
+        let views = match &files.silhouettes {
+            Some(path) => {
+                let views = read_views(path)?;
+                units.add(views.unit, path)?;
+                read.extend(views.files.iter().cloned());
+                read.extend(views.views.iter().filter_map(|view| view.mask.clone()));
+                views
+            }
+            None => Views {
+                views: Vec::new(),
+                tracks: Vec::new(),
+                unit: None,
+                files: Vec::new(),
+            },
+        };
+        let masks = read_masks(&views, job)?;
+        Ok(Self {
+            points,
+            fitted: (views.views.iter().zip(&masks))
+                .map(|(view, mask)| shell_view(view, mask.as_ref()))
+                .collect(),
+            tracks: (views.tracks.iter())
+                .map(|track| FeatureTrack {
+                    sightings: (track.iter())
+                        .filter(|(view, _, _)| !views.views[*view as usize].held_out)
+                        .map(|(view, pixel, sigma_px)| Sighting {
+                            view: *view,
+                            pixel: *pixel,
+                            sigma_px: *sigma_px,
+                        })
+                        .collect(),
+                    sigma_surface: SURFACE_SIGMA * size,
+                })
+                .filter(|track| track.sightings.len() > 1)
+                .collect(),
+            views: views.views,
+            masks,
+            files: read,
+        })
+    }
+}
+
+/// The frames of a folder: its folders by name, each with `views.toml`, files `points.*`, or both.
+pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
+    let list = |folder: &Path| -> Result<Vec<PathBuf>> {
+        let entries = std::fs::read_dir(folder).and_then(|entries| {
+            entries
+                .map(|entry| entry.map(|e| e.path()))
+                .collect::<std::io::Result<Vec<_>>>()
+        });
+        let mut paths =
+            entries.map_err(|e| Error::io(format!("{}: could not be read", folder.display())).with_source(e))?;
+        paths.sort();
+        Ok(paths)
+    };
+    let mut frames = Vec::new();
+    for path in list(folder)?.into_iter().filter(|path| path.is_dir()) {
+        let mut frame = FrameFiles {
+            name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            ..FrameFiles::default()
+        };
+        for file in list(&path)? {
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if name == "views.toml" {
+                frame.silhouettes = Some(file);
+            } else if name.starts_with("points.") {
+                frame.points.push(file);
+            }
+        }
+        if frame.silhouettes.is_none() && frame.points.is_empty() {
+            return Err(Error::input(format!(
+                "{}: needed views.toml or points.* in the folder of a frame",
+                path.display()
+            )));
+        }
+        frames.push(frame);
+    }
+    match frames.is_empty() {
+        true => Err(Error::input(format!(
+            "{}: needed a folder for each frame",
+            folder.display()
+        ))),
+        false => Ok(frames),
+    }
+}
+
+/// The unit that all files share.
+pub(super) struct Units {
+    found: Option<(Unit, PathBuf)>,
+    fallback: Option<Unit>,
+}
+
+impl Units {
+    pub(super) fn of(fallback: Option<Unit>) -> Self {
+        Self { found: None, fallback }
+    }
+
+    pub(super) fn add(&mut self, unit: Option<Unit>, path: &Path) -> Result<()> {
+        match (&self.found, unit) {
+            (Some((before, file)), Some(unit)) if *before != unit => Err(Error::input(format!(
+                "{} is in {unit} and {} in {before}: needed one unit",
+                path.display(),
+                file.display()
+            ))),
+            (None, Some(unit)) => {
+                self.found = Some((unit, path.to_owned()));
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) fn unit(&self) -> Unit {
+        self.found
+            .as_ref()
+            .map(|(unit, _)| *unit)
+            .or(self.fallback)
+            .unwrap_or(Unit::Millimetre)
+    }
+}
+
+pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh) -> Result<Moved> {
+    let given = match &job.controls_file {
+        Some(path) => Some(
+            read_inputs(&[path], job.unit)?
+                .scans
+                .iter()
+                .flat_map(|s| s.scan.points.clone())
+                .collect::<Vec<_>>(),
+        ),
+        None => None,
+    };
+    if given.is_some() && job.deformation != DeformationKind::Dirichlet {
+        return Err(Error::input(
+            "a file of controls is for the deformation by natural neighbours (dirichlet) only",
+        ));
+    }
+    let free = |deformation: Box<dyn Deformation>, k: DMatrix<f64>, controls: usize| Moved {
+        deformation,
+        stiffness: Some(of_three_coordinates(&k)),
+        prior: None,
+        controls,
+    };
+    Ok(match (job.deformation, given) {
+        (DeformationKind::Dirichlet, Some(points)) => {
+            let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
+            free(Box::new(Dirichlet::new(&points, &mesh.positions)?), k, points.len())
+        }
+        (DeformationKind::Dirichlet, None) => {
+            let made = automatic_controls(mesh, job.controls)?;
+            let k = stiffness(&made.points, &made.triangles, &made.edges);
+            free(
+                Box::new(Dirichlet::new(&made.points, &mesh.positions)?),
+                k,
+                made.points.len(),
+            )
+        }
+        (DeformationKind::Lattice, _) => {
+            let along = ((job.controls as f64).cbrt().round() as usize).max(2);
+            let basis = if along >= 5 {
+                LatticeBasis::CubicBSpline
+            } else {
+                LatticeBasis::Bernstein
+            };
+            let made = Lattice::new(&mesh.positions, [along; 3], basis)?;
+            let points = made.controls().unwrap_or_default().to_vec();
+            let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
+            free(Box::new(made), k, points.len())
+        }
+        (DeformationKind::Vertices, _) => {
+            let count = mesh.positions.len();
+            if count > MOST_VERTICES {
+                return Err(Error::unsupported(format!(
+                    "{}: has {count} vertices, and at most {MOST_VERTICES} may each move on their own: use controls, or a coarser mesh",
+                    job.mesh.display()
+                )));
+            }
+            let k = stiffness(&mesh.positions, &mesh.triangles, &[]);
+            free(Box::new(VertexDisplacements::new(&mesh.positions)), k, count)
+        }
+        (DeformationKind::Modes, _) => {
+            let mut family = Vec::new();
+            for path in &job.family {
+                family.push(read_mesh(path)?.points);
+            }
+            let modes = Modes::of(&family, job.controls)?;
+            if modes.mean().len() != mesh.positions.len() {
+                return Err(Error::input(format!(
+                    "{} has {} vertices, and the family {}: needed the same vertices in all",
+                    job.mesh.display(),
+                    mesh.positions.len(),
+                    modes.mean().len()
+                )));
+            }
+            mesh.positions = modes.mean().to_vec();
+            let count = modes.parameters();
+            // Modes are as long as one standard deviation of the family.
+            let prior = ParameterPrior {
+                mean: DVector::zeros(count),
+                information: DMatrix::identity(count, count),
+            };
+            Moved {
+                deformation: Box::new(modes),
+                stiffness: None,
+                prior: Some(prior),
+                controls: count,
+            }
+        }
+    })
+}
+
+fn read_points(
+    job: &ShellFitJob,
+    files: &[PathBuf],
+    size: f64,
+    units: &mut Units,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<PointReading>> {
+    if files.is_empty() {
+        return Ok(Vec::new());
+    }
+    let set = read_inputs(files, job.unit)?;
+    units.add(set.unit.filter(|_| job.unit.is_none()), &files[0])?;
+    let mut points = Vec::new();
+    let mut unknown = 0_usize;
+    for posed in &set.scans {
+        let (scan, pose) = (&posed.scan, &posed.scan.world_from_scanner);
+        for (i, point) in scan.points.iter().enumerate() {
+            let stated = match (&scan.covariance, &scan.sigma) {
+                (Some(all), _) => all[i],
+                (None, Some(all)) => {
+                    let v = all[i] * all[i];
+                    [v, 0.0, 0.0, v, 0.0, v]
+                }
+                (None, None) => {
+                    unknown += 1;
+                    let v = (UNKNOWN_SIGMA * size).powi(2);
+                    [v, 0.0, 0.0, v, 0.0, v]
+                }
+            };
+            points.push(PointReading {
+                at: pose.apply(*point),
+                covariance: turned(pose, stated),
+            });
+        }
+    }
+    if unknown > 0 && job.believe_sigma {
+        return Err(Error::input(format!(
+            "{unknown} points state no σ, and --believe-sigma needs one of all"
+        )));
+    }
+    if unknown > 0 && unknown < points.len() {
+        warnings.push(format!(
+            "{unknown} of {} points state no σ: {:.3e} was taken",
+            points.len(),
+            UNKNOWN_SIGMA * size
+        ));
+    }
+    Ok(points)
+}
+
+/// `R Σ Rᵀ`.
+fn turned(pose: &planish_sense::Pose, [xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f64; 6] {
+    let rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    // Columns of R Σ, then rows of that by R.
+    let half = [0, 1, 2].map(|k| pose.rotate(rows[k]));
+    let full = [0, 1, 2].map(|i| pose.rotate([half[0][i], half[1][i], half[2][i]]));
+    planish_estimate::vector3::upper_triangle(|i, j| full[i][j])
+}
+
+fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>>> {
+    (views.views.par_iter())
+        .map(|view| {
+            let Some(path) = &view.mask else { return Ok(None) };
+            let options = SilhouetteOptions {
+                threshold: view.mask_threshold,
+                least_share: view
+                    .mask_least_share
+                    .unwrap_or(SilhouetteOptions::default().least_share),
+                sigma_px: view.sigma_px,
+                apart_px: job.outline_step_px,
+                ..SilhouetteOptions::default()
+            };
+            let picture = read_brightness(path)?;
+            silhouette(&picture, &options)
+                .map(Some)
+                .map_err(|e| e.in_context(path.display()))
+        })
+        .collect()
+}
+
+fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {
+    let mut made = ShellView {
+        camera: view.camera,
+        pose: view.pose.filter(|_| !view.held_out),
+        outline: Vec::new(),
+        inside: Vec::new(),
+        outside: Vec::new(),
+    };
+    if view.held_out {
+        return made;
+    }
+    if let Some(mask) = mask {
+        made.outline.extend((mask.border.iter()).map(|pixel| OutlinePoint {
+            pixel: *pixel,
+            sigma_px: mask.sigma_px,
+            kind: OutlineKind::Border,
+        }));
+        made.inside.clone_from(&mask.inside);
+        made.outside.clone_from(&mask.outside);
+    }
+    made.outline
+        .extend((view.contours.iter()).map(|(pixel, sigma_px)| OutlinePoint {
+            pixel: *pixel,
+            sigma_px: *sigma_px,
+            kind: OutlineKind::Contour,
+        }));
+    made
+}

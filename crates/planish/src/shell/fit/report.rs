@@ -1,0 +1,70 @@
+//! What is said of a fitted shell.
+
+use super::input::Frame;
+use super::{MEASURED, PoseReport};
+use crate::model::SigmaSummary;
+use nalgebra::DVector;
+use planish_mesh::{TriangleMesh, quantile_of_sorted};
+use planish_shell::{Deformation, ShellFit};
+use rayon::prelude::*;
+
+/// Normals of vertices, σ along them, and whether the readings say more of them than what was known before.
+pub(super) fn known(
+    mesh: &TriangleMesh,
+    made: &ShellFit,
+    deformation: &dyn Deformation,
+) -> (Vec<[f64; 3]>, Vec<f64>, Vec<u8>) {
+    let normals = mesh.vertex_normals();
+    let by_data = &made.covariance * &made.data_information * &made.covariance;
+    let (sigma, observed) = (0..mesh.positions.len())
+        .into_par_iter()
+        .map(|v| {
+            let mut row = DVector::zeros(deformation.basis());
+            deformation.row(v as u32, normals[v], &mut |k, entry| row[k] += entry);
+            let row = match deformation.reduction() {
+                Some(reduction) => reduction.tr_mul(&row),
+                None => row,
+            };
+            let variance = row.dot(&(&made.covariance * &row)).max(0.0);
+            let share = row.dot(&(&by_data * &row)) / variance;
+            (variance.sqrt(), u8::from(share > MEASURED))
+        })
+        .unzip();
+    (normals, sigma, observed)
+}
+
+pub(super) fn sigma_summary(mut sigmas: Vec<f64>) -> SigmaSummary {
+    sigmas.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        if sigmas.is_empty() {
+            0.0
+        } else {
+            quantile_of_sorted(&sigmas, share)
+        }
+    };
+    SigmaSummary {
+        median: at(0.5),
+        p95: at(0.95),
+        max: at(1.0),
+    }
+}
+
+pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<PoseReport> {
+    let mut reports = Vec::new();
+    for (v, covariance) in made.pose_covariances.iter().enumerate() {
+        let Some(covariance) = covariance else { continue };
+        let camera = &made.cameras[v];
+        let change = camera.change_from(&frame.fitted[v].camera);
+        let length = |c: &[f64]| c.iter().map(|x| x * x).sum::<f64>().sqrt();
+        reports.push(PoseReport {
+            view: frame.views[v].name.clone(),
+            turned_deg: length(&change[..3]).to_degrees(),
+            moved: length(&change[3..]),
+            r: std::array::from_fn(|i| std::array::from_fn(|j| camera.r[(i, j)])),
+            t: camera.t.into(),
+            sigma_rotation_deg: std::array::from_fn(|k| covariance[(k, k)].sqrt().to_degrees()),
+            sigma_translation: std::array::from_fn(|k| covariance[(3 + k, 3 + k)].sqrt()),
+        });
+    }
+    reports
+}

@@ -1,0 +1,121 @@
+//! Moving shells, followed.
+
+use super::outlines::{around, borders};
+use super::*;
+use nalgebra::Vector3;
+
+const CONTROLS: usize = 20;
+
+/// Where controls of a swaying, breathing ball are at a time.
+fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
+    DVector::from_iterator(
+        3 * controls.len(),
+        controls.iter().flat_map(|p| {
+            let p = Vector3::from(*p);
+            let bend = 0.15 * (0.4 * time).sin() * p.z * p.z;
+            let grow = 0.06 * (0.3 * time + 1.0).sin();
+            [
+                bend + grow * p.x + 0.02 * time,
+                grow * p.y,
+                -0.5 * grow * p.z + 0.05 * (0.5 * time + 2.0 * p.x).sin(),
+            ]
+        }),
+    )
+}
+
+/// From outlines alone, and with points: the surface is followed about as well as each frame tells it alone, or better, and the parameters' errors are those that are stated.
+#[test]
+#[ignore = "takes longer than five seconds"]
+fn a_moving_thing_is_followed() {
+    let mesh = icosphere(1.0, 3);
+    let controls = automatic_controls(&mesh, CONTROLS).unwrap();
+    let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
+    let options = ShellFitOptions {
+        stiffness: Some(of_three_coordinates(&stiffness(
+            &controls.points,
+            &controls.triangles,
+            &controls.edges,
+        ))),
+        steps: 2,
+        ..ShellFitOptions::default()
+    };
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut noise = move || -> f64 { StandardNormal.sample(&mut random) };
+    let mut places = ChaCha8Rng::seed_from_u64(4);
+    for with_points in [false, true] {
+        let mut tracker = ShellTracker::new(&mesh, &deformation, options.clone()).unwrap();
+        let (mut alone, mut followed, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
+        let mut ratios = Vec::new();
+        for frame in 0..8 {
+            let q = swaying(&controls.points, f64::from(frame));
+            let by = displacements(&deformation, &q);
+            let truth = TriangleMesh {
+                positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+                triangles: mesh.triangles.clone(),
+            };
+            let views: Vec<ShellView> = (around(4, 5.0).iter())
+                .map(|camera| borders(&truth, camera, 60, &mut noise))
+                .collect();
+            let points: Vec<PointReading> = (sample_points(&truth, 150, || places.random_range(0.0..1.0))
+                .unwrap()
+                .iter())
+            .map(|place| PointReading {
+                at: place.position.map(|x| x + 0.01 * noise()),
+                covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4],
+            })
+            .collect();
+            let readings = ShellReadings {
+                points: if with_points { &points } else { &[] },
+                views: &views,
+                tracks: &[],
+            };
+            let search = MeshSearch::try_new(&truth).unwrap();
+            let off = |positions: &[[f64; 3]]| {
+                rms(&positions
+                    .iter()
+                    .map(|p| search.closest(*p).unwrap().distance)
+                    .collect::<Vec<_>>())
+            };
+            let single = fit_shell(&mesh, &deformation, &readings, &options).unwrap();
+            let made = tracker.follow(&readings).unwrap();
+            let error = &made.fit.parameters - &q;
+            let stated = made.fit.covariance.diagonal().map(|v| v.max(0.0).sqrt());
+            let size = |v: &DVector<f64>| v.norm() / (v.len() as f64).sqrt();
+            let normals = truth.vertex_normals();
+            let within = (0..normals.len())
+                .filter(|&v| {
+                    let height = search.closest(made.fit.positions[v]).unwrap().signed_distance;
+                    height.abs() < 1.96 * made.fit.sigma_along(&deformation, v as u32, normals[v])
+                })
+                .count() as f64
+                / normals.len() as f64;
+            println!(
+                "frame {frame}: controls {:.4} off, σ {:.4}; surface {:.4}, alone {:.4}, covered {within:.3}; predicted {:.4}; c {:.2e}",
+                size(&error),
+                size(&stated),
+                off(&made.fit.positions),
+                off(&single.positions),
+                made.predicted.as_ref().map_or(f64::NAN, |p| size(&(p - &q))),
+                made.acceleration
+            );
+            alone.push(off(&single.positions));
+            followed.push(off(&made.fit.positions));
+            predicted.extend(made.predicted.map(|p| size(&(p - &q))));
+            ratios.push(size(&error) / size(&stated));
+        }
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        println!(
+            "points {with_points}: surface {:.4} followed, {:.4} alone; errors over σ of controls {ratios:.2?}",
+            mean(&followed[3..]),
+            mean(&alone[3..])
+        );
+        assert!(mean(&followed[3..]) < 1.2 * mean(&alone[3..]));
+        assert!(ratios[3..].iter().all(|ratio| (0.3..2.5).contains(ratio)), "{ratios:?}");
+    }
+    let none = ShellFitOptions {
+        stiffness: None,
+        ..options
+    };
+    let said = ShellTracker::new(&mesh, &deformation, none).err().unwrap().to_string();
+    assert!(said.contains("stiffness"));
+}
