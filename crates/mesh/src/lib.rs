@@ -28,6 +28,7 @@ mod deviation;
 mod edges;
 mod facet_tree;
 mod mesh;
+mod packet;
 mod primitives;
 mod ray;
 mod sampling;
