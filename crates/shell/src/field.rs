@@ -235,6 +235,79 @@ impl<'a> Shell<'a> {
         self.options.threshold - sum
     }
 
+    /// How far a place is from the shell by its field, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside, zero where [`Self::field`] is, and no steeper than one. Exponents are taken from the largest: neither end overflows.
+    #[must_use]
+    pub fn level(&self, at: [f64; 3]) -> f64 {
+        let k = self.options.sharpness;
+        let (mut largest, mut sum) = (f64::NEG_INFINITY, 0.0);
+        self.tree.visit_near(at, self.paper_slack, |near| {
+            let radius = (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
+            let exponent = -k * (near.distance - radius);
+            if exponent > largest {
+                sum = sum * (largest - exponent).exp() + 1.0;
+                largest = exponent;
+            } else {
+                sum += (exponent - largest).exp();
+            }
+        });
+        (self.options.threshold.ln() - largest - sum.ln()) / k
+    }
+
+    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighed as in [`Self::distance`]. Between that of the nearest and `reach/k` more.
+    #[must_use]
+    pub fn unsigned_distance(&self, at: [f64; 3]) -> f64 {
+        let k = self.options.sharpness;
+        let (mut nearest, mut sum, mut heights) = (f64::INFINITY, 0.0, 0.0);
+        self.tree.visit_near(at, self.slack, |near| {
+            let weight = self.weight(near.facet);
+            if near.distance < nearest {
+                let fading = (-k * (nearest - near.distance)).exp();
+                (sum, heights) = (sum * fading, heights * fading);
+                nearest = near.distance;
+            }
+            let share = weight * (-k * (near.distance - nearest)).exp();
+            sum += share;
+            heights += share * near.distance;
+        });
+        if sum > 0.0 { heights / sum } else { nearest }
+    }
+
+    /// The distance of the nearest skeleton.
+    pub(crate) fn nearest(&self, at: [f64; 3]) -> f64 {
+        let mut nearest = f64::INFINITY;
+        (self.tree).visit_near(at, 0.0, |near| nearest = nearest.min(near.distance));
+        nearest
+    }
+
+    /// From where on a skeleton is too near, or too far, for the shell to pass: the sum is at least its largest term and at most as many times as there are facets.
+    pub(crate) fn band(&self) -> [f64; 2] {
+        let k = self.options.sharpness;
+        let radii = || self.skeletons.iter().map(|s| s.radius);
+        let [least, most] = if self.skeletons.is_empty() {
+            [self.options.thickness; 2]
+        } else {
+            [radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max)]
+        };
+        let inner = -self.options.threshold.ln() / k;
+        [least + inner, most + inner + (self.facets.len() as f64).ln() / k]
+    }
+
+    /// The largest radius of a spherical metaball; zero for triangular ones.
+    pub(crate) fn largest_radius(&self) -> f64 {
+        self.skeletons.iter().map(|s| s.radius).fold(0.0, f64::max)
+    }
+
+    /// The largest amount by which [`Self::unsigned_distance`] exceeds the nearest.
+    pub(crate) fn slack(&self) -> f64 {
+        self.slack
+    }
+
+    /// The mesh that is wrapped.
+    #[must_use]
+    pub fn mesh(&self) -> &TriangleMesh {
+        self.mesh
+    }
+
     /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`]. `None` where the place is not finite.
     pub fn distance(&self, at: [f64; 3], shares: &mut Vec<Share>) -> Option<ShellDistance> {
         let k = self.options.sharpness;

@@ -10,6 +10,7 @@ mod deformation;
 mod delaunay;
 mod field;
 mod fit;
+mod isosurface;
 mod natural_neighbour;
 mod skeleton;
 
@@ -18,4 +19,5 @@ pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, Vert
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
+pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
