@@ -15,7 +15,10 @@ mod natural_neighbour;
 mod skeleton;
 
 pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
-pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
+pub use deformation::{
+    Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, VertexDisplacements,
+    displacements,
+};
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
