@@ -75,7 +75,7 @@ pub fn read_calibration(path: &Path) -> Result<Calibration> {
 }
 
 /// A table, or an error with its line and what is `needed`.
-fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
+pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| {
         let line = e.span().map_or(1, |span| {
             1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count()

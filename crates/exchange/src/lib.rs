@@ -18,6 +18,7 @@
 //! | [`dxf`] | DXF, ASCII | curves of drawings in |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
 //! | [`raster`] | TIFF, NPY | numbers of every pixel out |
+//! | [`views`] | `views.toml` | cameras with masks, contours and tracks in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
@@ -50,6 +51,7 @@ pub mod step;
 pub mod stl;
 pub mod svg;
 pub mod textured;
+pub mod views;
 pub mod vrip;
 pub mod xyz;
 

@@ -53,6 +53,9 @@ pub struct ShellOptions {
     pub threshold: f64,
     /// Terms less than `exp(−reach)` of the largest are left out; where none is given, those that together are less than a millionth.
     pub reach: Option<f64>,
+    /// Whether normals are taken as they are, so that the two walls of a thin part stay apart and `D` is negative within: for meshes whose facets are all turned the same way. Elsewhere normals that point the other way than
+    /// that of the nearest facet are turned.
+    pub oriented: bool,
 }
 
 impl ShellOptions {
@@ -65,6 +68,7 @@ impl ShellOptions {
             thickness: 0.0,
             threshold: 1.0,
             reach: None,
+            oriented: false,
         }
     }
 }
@@ -450,7 +454,11 @@ impl<'a> Shell<'a> {
     /// How high a place is over a facet's plane, and the plane's normal, turned where it faces away.
     fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
-        let turned = if normal.dot(&facing) < TURNED { -normal } else { normal };
+        let turned = if !self.options.oriented && normal.dot(&facing) < TURNED {
+            -normal
+        } else {
+            normal
+        };
         (turned.dot(&Vector3::from(sub(at, near.point))), turned)
     }
 }

@@ -5,6 +5,7 @@
 //!
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
+mod camera;
 mod controls;
 mod deformation;
 mod delaunay;
@@ -14,6 +15,7 @@ mod isosurface;
 mod natural_neighbour;
 mod skeleton;
 
+pub use camera::Camera;
 pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, VertexDisplacements,
@@ -21,6 +23,9 @@ pub use deformation::{
 };
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
-pub use fit::{PointReading, ShellFit, ShellFitOptions, fit_points, of_three_coordinates};
+pub use fit::{
+    FeatureTrack, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit, ShellFitOptions,
+    ShellReadings, ShellView, Sighting, SourceFit, fit_points, fit_shell, of_three_coordinates,
+};
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

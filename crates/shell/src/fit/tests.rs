@@ -1,11 +1,15 @@
 use super::*;
 use crate::controls::{automatic_controls, stiffness};
+use crate::deformation::displacements;
 use crate::deformation::{Dirichlet, Lattice, LatticeBasis};
+use planish_estimate::vector3::add;
 use planish_estimate::vector3::{dot, sub};
 use planish_mesh::{MeshSearch, icosphere, sample_points};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+
+mod outlines;
 
 const SIGMA: f64 = 0.01;
 
@@ -142,14 +146,14 @@ fn shells_come_as_near_as_true_correspondences() {
                 covered += usize::from(height.abs() < 1.96 * sigma);
                 count += 1;
             }
-            for (outlier, source) in made.outliers.iter().zip(&truth.sources) {
+            for (outlier, source) in made.points.outliers.iter().zip(&truth.sources) {
                 caught[usize::from(*outlier) + 2 * usize::from(source.is_none())] += 1;
             }
             println!(
                 "{metaball:?}: σ factor {:.3}, λ {:.3e}, rms {:.5}, {:?} after {}",
-                made.sigma_factor, made.smoothness_weight, made.rms, made.termination, made.iterations
+                made.points.sigma_factor, made.smoothness_weight, made.points.rms, made.termination, made.iterations
             );
-            assert!((made.sigma_factor - 1.0).abs() < 0.1);
+            assert!((made.points.sigma_factor - 1.0).abs() < 0.1);
             ours.extend(off);
             let told = |normals_only| {
                 heights(

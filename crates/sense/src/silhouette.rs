@@ -1,0 +1,316 @@
+//! Silhouettes: from a mask to places on its border, between pixels.
+//!
+//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: places on the border with their σ, and pixels inside and outside of it.
+//!
+//! A mask is smoothed by a Gaussian; the border is where it passes one half, found between neighbouring pixels by a straight line. Specks and holes that are small beside the whole are taken for mistakes and filled.
+//!
+//! Not guaranteed: the border where the picture ends (a thing that reaches out of it has none there); corners, which smoothing rounds off by less than its width.
+
+use crate::Image;
+use planish_estimate::{Error, Result};
+
+/// How a mask is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SilhouetteOptions {
+    /// What is brighter is the thing; halfway between the darkest and the brightest pixel where none is given.
+    pub threshold: Option<f64>,
+    /// σ of the Gaussian by which the mask is smoothed, in pixels.
+    pub smoothing_px: f64,
+    /// Places on the border are at least so far apart, in pixels.
+    pub apart_px: f64,
+    /// σ of a place across the border, in pixels: a pixel is on one side or the other.
+    pub sigma_px: f64,
+    /// Specks and holes of less than this share of the thing's pixels are filled.
+    pub least_share: f64,
+    /// Pixels inside and outside that are given, about.
+    pub samples: usize,
+}
+
+impl Default for SilhouetteOptions {
+    fn default() -> Self {
+        Self {
+            threshold: None,
+            smoothing_px: 1.0,
+            apart_px: 3.0,
+            sigma_px: 0.5,
+            least_share: 0.01,
+            samples: 800,
+        }
+    }
+}
+
+/// A silhouette.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Silhouette {
+    /// Places on the border, pixel centres at integers.
+    pub border: Vec<[f64; 2]>,
+    /// Their σ across the border, in pixels.
+    pub sigma_px: f64,
+    /// Pixels of the thing, on a grid, two pixels and more from its border.
+    pub inside: Vec<[f64; 2]>,
+    /// Pixels of anything else, likewise.
+    pub outside: Vec<[f64; 2]>,
+    /// Which pixels are the thing, row by row.
+    pub mask: Vec<bool>,
+    /// Pixels in a row.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+}
+
+/// Pixels inside and outside keep so far from the border: it is known to less.
+const CLEAR: usize = 2;
+/// Places so near to the end of the picture are none of the border.
+const FRAME: f64 = 2.0;
+
+/// Reads a mask.
+///
+/// # Errors
+/// `Input` where options make no sense; `Undetermined` where all pixels are the same, or no border is within the picture.
+pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhouette> {
+    let positive = [
+        ("smoothing", options.smoothing_px),
+        ("distance of places", options.apart_px),
+        ("σ", options.sigma_px),
+    ];
+    for (name, value) in positive {
+        if !(value.is_finite() && value > 0.0) {
+            return Err(Error::input(format!(
+                "the {name} of a silhouette is a positive number of pixels, got {value}"
+            )));
+        }
+    }
+    let (columns, rows) = (picture.columns, picture.rows);
+    let (low, high) = (picture.values.iter()).fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
+        (low.min(*v), high.max(*v))
+    });
+    let threshold = options.threshold.unwrap_or(0.5 * (f64::from(low) + f64::from(high)));
+    let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
+    let of_thing = mask.iter().filter(|m| **m).count();
+    if of_thing == 0 || of_thing == mask.len() {
+        return Err(Error::undetermined(format!(
+            "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
+        )));
+    }
+    let least = (options.least_share * of_thing as f64) as usize;
+    fill(&mut mask, columns, true, least);
+    fill(&mut mask, columns, false, least);
+    let values: Vec<f64> = mask.iter().map(|m| f64::from(u8::from(*m))).collect();
+    let smooth = smoothed(&values, columns, rows, options.smoothing_px);
+    let border = thinned(crossings(&smooth, columns, rows), options.apart_px);
+    if border.is_empty() {
+        return Err(Error::undetermined("a mask has no border within the picture"));
+    }
+    let (inside, outside) = samples(&mask, columns, rows, options.samples);
+    Ok(Silhouette {
+        border,
+        sigma_px: options.sigma_px,
+        inside,
+        outside,
+        mask,
+        columns,
+        rows,
+    })
+}
+
+/// Turns over connected parts of one colour that have fewer than `least` pixels.
+fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
+    let mut seen = vec![false; mask.len()];
+    let mut part = Vec::new();
+    for start in 0..mask.len() {
+        if seen[start] || mask[start] != colour {
+            continue;
+        }
+        part.clear();
+        part.push(start);
+        seen[start] = true;
+        let mut next = 0;
+        while let Some(&here) = part.get(next) {
+            next += 1;
+            let column = here % columns;
+            let sides = [
+                (column > 0).then(|| here - 1),
+                (column + 1 < columns).then(|| here + 1),
+                here.checked_sub(columns),
+                (here + columns < mask.len()).then_some(here + columns),
+            ];
+            for side in sides.into_iter().flatten() {
+                if !seen[side] && mask[side] == colour {
+                    seen[side] = true;
+                    part.push(side);
+                }
+            }
+        }
+        if part.len() < least {
+            part.iter().for_each(|&pixel| mask[pixel] = !colour);
+        }
+    }
+}
+
+/// A Gaussian along rows, then along columns; beyond the picture the last pixel goes on.
+fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
+    let reach = (4.0 * sigma).ceil() as isize;
+    let weights: Vec<f64> = (-reach..=reach)
+        .map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp())
+        .collect();
+    let total: f64 = weights.iter().sum();
+    let along = |from: &[f64], at: &dyn Fn(isize, isize) -> usize| -> Vec<f64> {
+        (0..rows as isize)
+            .flat_map(|row| (0..columns as isize).map(move |column| (row, column)))
+            .map(|(row, column)| {
+                let sum: f64 = (weights.iter().zip(-reach..))
+                    .map(|(w, k)| w * from[at(row * columns as isize + column, k)])
+                    .sum();
+                sum / total
+            })
+            .collect()
+    };
+    let width = columns as isize;
+    let first = along(values, &|at, k| {
+        let (row, column) = (at / width, at % width);
+        (row * width + (column + k).clamp(0, width - 1)) as usize
+    });
+    along(&first, &|at, k| {
+        let (row, column) = (at / width, at % width);
+        ((row + k).clamp(0, rows as isize - 1) * width + column) as usize
+    })
+}
+
+/// Where values pass one half between neighbours of a row or a column.
+fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
+    let mut found = Vec::new();
+    for row in 0..rows {
+        for column in 0..columns {
+            let here = values[row * columns + column] - 0.5;
+            let right = (column + 1 < columns).then(|| (values[row * columns + column + 1] - 0.5, [1.0, 0.0]));
+            let below = (row + 1 < rows).then(|| (values[(row + 1) * columns + column] - 0.5, [0.0, 1.0]));
+            for (there, way) in [right, below].into_iter().flatten() {
+                if (here > 0.0) != (there > 0.0) {
+                    let share = here / (here - there);
+                    let at = [column as f64 + share * way[0], row as f64 + share * way[1]];
+                    let within = |x: f64, count: usize| x >= FRAME && x <= count as f64 - 1.0 - FRAME;
+                    if within(at[0], columns) && within(at[1], rows) {
+                        found.push(at);
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Places of which none is nearer than `apart` to one before it.
+fn thinned(places: Vec<[f64; 2]>, apart: f64) -> Vec<[f64; 2]> {
+    let mut kept: std::collections::BTreeMap<[i64; 2], Vec<[f64; 2]>> = std::collections::BTreeMap::new();
+    let mut all = Vec::new();
+    for at in places {
+        let [x, y] = at.map(|x| (x / apart).floor() as i64);
+        let near = (-1..=1)
+            .flat_map(|i| (-1..=1).map(move |j| [x + i, y + j]))
+            .any(|cell| {
+                (kept.get(&cell).into_iter().flatten()).any(|other| (other[0] - at[0]).hypot(other[1] - at[1]) < apart)
+            });
+        if !near {
+            kept.entry([x, y]).or_default().push(at);
+            all.push(at);
+        }
+    }
+    all
+}
+
+/// Pixels on a grid over the thing and as much around it, on either side of the border.
+#[allow(clippy::type_complexity, reason = "inside and outside")]
+fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
+    let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+    for (k, _) in mask.iter().enumerate().filter(|(_, m)| **m) {
+        for (axis, at) in [k % columns, k / columns].into_iter().enumerate() {
+            low[axis] = low[axis].min(at);
+            high[axis] = high[axis].max(at);
+        }
+    }
+    let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + CLEAR);
+    let first = [0, 1].map(|k| low[k].saturating_sub(margin[k]));
+    let last = [
+        (high[0] + margin[0]).min(columns - 1),
+        (high[1] + margin[1]).min(rows - 1),
+    ];
+    let area = ((last[0] - first[0] + 1) * (last[1] - first[1] + 1)) as f64;
+    let step = ((area / count.max(1) as f64).sqrt().floor() as usize).max(1);
+    let (mut inside, mut outside) = (Vec::new(), Vec::new());
+    for row in (first[1]..=last[1]).step_by(step) {
+        for column in (first[0]..=last[0]).step_by(step) {
+            let own = mask[row * columns + column];
+            let clear = (row.saturating_sub(CLEAR)..=(row + CLEAR).min(rows - 1)).all(|r| {
+                (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1)).all(|c| mask[r * columns + c] == own)
+            });
+            if clear {
+                let to = if own { &mut inside } else { &mut outside };
+                to.push([column as f64, row as f64]);
+            }
+        }
+    }
+    (inside, outside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn disc(center: [f64; 2], radius: f64) -> Image {
+        let inside = |k: usize| ((k % 120) as f64 - center[0]).hypot((k / 120) as f64 - center[1]) < radius;
+        Image::try_new(
+            120,
+            100,
+            (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect(),
+        )
+        .unwrap()
+    }
+
+    /// The border of a disc is found to a third of a pixel's width, all around; a speck and a hole are filled.
+    #[test]
+    fn the_border_of_a_disc() {
+        let mut picture = disc([60.3, 48.8], 30.4);
+        picture.values[48 * 120 + 60] = 0.0;
+        picture.values[5 * 120 + 5] = 255.0;
+        let found = silhouette(&picture, &SilhouetteOptions::default()).unwrap();
+        let off: Vec<f64> = (found.border.iter())
+            .map(|p| (p[0] - 60.3).hypot(p[1] - 48.8) - 30.4)
+            .collect();
+        let rms = (off.iter().map(|x| x * x).sum::<f64>() / off.len() as f64).sqrt();
+        assert!(off.len() > 40 && rms < 0.2, "{} {rms}", off.len());
+        assert!(off.iter().all(|x| x.abs() < 0.6));
+        for p in &found.inside {
+            assert!((p[0] - 60.3).hypot(p[1] - 48.8) < 30.4);
+        }
+        for p in &found.outside {
+            assert!((p[0] - 60.3).hypot(p[1] - 48.8) > 30.4);
+        }
+        assert!(found.inside.len() > 100 && found.outside.len() > 100);
+    }
+
+    #[test]
+    fn a_thing_that_reaches_out_has_no_border_there_and_odd_masks_are_refused() {
+        let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
+        assert!(
+            found
+                .border
+                .iter()
+                .all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0)
+        );
+        let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
+        let said = silhouette(&flat, &SilhouetteOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("both sides"));
+        let odd = SilhouetteOptions {
+            apart_px: 0.0,
+            ..SilhouetteOptions::default()
+        };
+        assert!(
+            silhouette(&disc([60.0, 50.0], 30.0), &odd)
+                .unwrap_err()
+                .to_string()
+                .contains("distance of places")
+        );
+    }
+}

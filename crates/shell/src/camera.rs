@@ -1,0 +1,222 @@
+//! Cameras that look at a shell: pinholes with a pose that may be uncertain.
+//!
+//! Comes in: intrinsics and poses, or projection matrices. Goes out: pixels of places, lines of sight of pixels, and how both change with the pose.
+//!
+//! `X_camera = R X + t`, `x ~ K X_camera`; x right, y down, pixel centres at integers. A pose changes by `X_camera ← exp(ω) X_camera + τ`: a turn `ω` about the camera's centre, then a step `τ` of the world, both in the camera's frame.
+//!
+//! Not guaranteed: lenses are taken for undistorted.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use planish_estimate::{Error, Result};
+
+/// A pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Intrinsics, upper triangular, the last entry one.
+    pub k: Matrix3<f64>,
+    /// Rotation from the world.
+    pub r: Matrix3<f64>,
+    /// Translation from the world.
+    pub t: Vector3<f64>,
+}
+
+impl Camera {
+    /// A camera from intrinsics, rotation and translation, row by row.
+    ///
+    /// # Errors
+    /// `Input` where something is not finite, `K` is no upper triangle with focal lengths above zero, or `R` is no rotation to within 1e-3 (it is then made one exactly).
+    pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
+        let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
+        let (k, r, t) = (matrix(k), matrix(r), Vector3::from(t));
+        let finite = k.iter().chain(&r).chain(&t).all(|x| x.is_finite());
+        let triangle = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0 && k[(2, 2)] == 1.0;
+        if !(finite && triangle && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0) {
+            return Err(Error::input(format!(
+                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and finite R and t, found K = {k:?}"
+            )));
+        }
+        let off = (r * r.transpose() - Matrix3::identity()).amax();
+        if off > 1e-3 || r.determinant() < 0.0 {
+            return Err(Error::input(format!("needed a rotation in R, found {r:?}")));
+        }
+        Ok(Self {
+            k,
+            r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(),
+            t,
+        })
+    }
+
+    /// A camera from its projection matrix `P ∝ K [R t]`, row by row (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*, 2003, section 6.2.4).
+    ///
+    /// # Errors
+    /// `Input` where something is not finite, or the left 3 × 3 part has no inverse.
+    pub fn from_projection(p: [[f64; 4]; 3]) -> Result<Self> {
+        let mut m = Matrix3::from_fn(|i, j| p[i][j]);
+        let mut last = Vector3::from_fn(|i, _| p[i][3]);
+        let determinant = m.determinant();
+        let size = m.norm();
+        if !(m.iter().chain(&last).all(|x| x.is_finite()) && determinant.abs() > 1e-12 * size.powi(3)) {
+            // Rows may be in very different units: what counts is the angle between them.
+            let rows: f64 = (0..3).map(|i| m.row(i).norm()).product();
+            if determinant.is_nan() || determinant.abs() <= 1e-12 * rows || !last.iter().all(|x| x.is_finite()) {
+                return Err(Error::input(format!(
+                    "needed a projection matrix whose left 3 × 3 part has an inverse, found {p:?}"
+                )));
+            }
+        }
+        if determinant < 0.0 {
+            m = -m;
+            last = -last;
+        }
+        // M = K R: rows of R by Gram-Schmidt from the last one up.
+        let [first, second, third] = [0, 1, 2].map(|i| m.row(i).transpose());
+        let mut k = Matrix3::zeros();
+        k[(2, 2)] = third.norm();
+        let r3 = third / k[(2, 2)];
+        k[(1, 2)] = second.dot(&r3);
+        let rest = second - k[(1, 2)] * r3;
+        k[(1, 1)] = rest.norm();
+        let r2 = rest / k[(1, 1)];
+        k[(0, 2)] = first.dot(&r3);
+        k[(0, 1)] = first.dot(&r2);
+        let r1 = r2.cross(&r3);
+        k[(0, 0)] = first.dot(&r1);
+        let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
+        let inverse = k
+            .try_inverse()
+            .ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
+        Ok(Self {
+            k: k / k[(2, 2)],
+            r,
+            t: inverse * last,
+        })
+    }
+
+    /// Where the camera stands, `−Rᵀ t`.
+    #[must_use]
+    pub fn center(&self) -> [f64; 3] {
+        (-self.r.tr_mul(&self.t)).into()
+    }
+
+    /// The pixel of a place and its depth; `None` at or behind the camera.
+    #[must_use]
+    pub fn project(&self, at: [f64; 3]) -> Option<([f64; 2], f64)> {
+        let inside = self.r * Vector3::from(at) + self.t;
+        let seen = self.k * inside;
+        (inside.z > 0.0).then(|| ([seen.x / seen.z, seen.y / seen.z], inside.z))
+    }
+
+    /// The unit direction in the world that a pixel looks along.
+    #[must_use]
+    pub fn direction(&self, pixel: [f64; 2]) -> [f64; 3] {
+        self.r.tr_mul(&self.within(pixel)).normalize().into()
+    }
+
+    /// `K⁻¹ (x, y, 1)`.
+    pub(crate) fn within(&self, pixel: [f64; 2]) -> Vector3<f64> {
+        let k = &self.k;
+        let y = (pixel[1] - k[(1, 2)]) / k[(1, 1)];
+        Vector3::new((pixel[0] - k[(0, 2)] - k[(0, 1)] * y) / k[(0, 0)], y, 1.0)
+    }
+
+    /// `∂x/∂X_camera` of a place in the camera's frame.
+    pub(crate) fn pixel_by_place(&self, inside: &Vector3<f64>) -> nalgebra::Matrix2x3<f64> {
+        let seen = self.k * inside;
+        let pixel = [seen.x / seen.z, seen.y / seen.z];
+        nalgebra::Matrix2x3::from_fn(|i, j| (self.k[(i, j)] - pixel[i] * self.k[(2, j)]) / seen.z)
+    }
+
+    /// How `D` at a place where the line of sight touches the shell changes with a shift of the pixel: `∂D/∂(x, y)`.
+    pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
+        let inside = self.r * Vector3::from(at) + self.t;
+        let g = self.r * Vector3::from(gradient);
+        let k = &self.k;
+        let by_x = g.x * inside.z / k[(0, 0)];
+        // A step of y alone moves x by the skew.
+        let by_y = (g.y - g.x * k[(0, 1)] / k[(0, 0)]) * inside.z / k[(1, 1)];
+        [by_x, by_y]
+    }
+
+    /// The width of a pixel at a place: `∂D/∂(x, y)` of a distance across the line of sight.
+    pub(crate) fn by_pixel_at_most(&self, at: [f64; 3]) -> f64 {
+        let depth = (self.r * Vector3::from(at) + self.t).z;
+        depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).sqrt()
+    }
+
+    /// How `D` at a place on a line of sight changes with the pose `(ω, τ)`, the pixel being held: `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
+    pub(crate) fn by_pose(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 6] {
+        let inside = self.r * Vector3::from(at) + self.t;
+        let g = self.r * Vector3::from(gradient);
+        let turn = -inside.cross(&g);
+        [turn.x, turn.y, turn.z, -g.x, -g.y, -g.z]
+    }
+
+    /// The camera after a change of pose.
+    #[must_use]
+    pub fn moved(&self, by: [f64; 6]) -> Self {
+        let turn = Rotation3::new(Vector3::new(by[0], by[1], by[2]));
+        let r = turn.matrix() * self.r;
+        Self {
+            k: self.k,
+            // Products of rotations stay rotations.
+            r: *Rotation3::from_matrix_eps(&r, 1e-15, 10, Rotation3::from_matrix_unchecked(r)).matrix(),
+            t: turn * self.t + Vector3::new(by[3], by[4], by[5]),
+        }
+    }
+
+    /// The change of pose that makes this camera of another.
+    #[must_use]
+    pub fn change_from(&self, other: &Self) -> [f64; 6] {
+        let turn = Rotation3::from_matrix_unchecked(self.r * other.r.transpose());
+        let (axis, step) = (turn.scaled_axis(), self.t - turn * other.t);
+        [axis.x, axis.y, axis.z, step.x, step.y, step.z]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        let r = Rotation3::from_euler_angles(0.3, -0.8, 2.1);
+        let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
+        Camera::new(
+            [[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]],
+            rows,
+            [0.2, -0.1, 6.0],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn a_projection_matrix_says_the_same_at_any_scale_and_sign() {
+        let camera = camera();
+        for factor in [1.0, -0.03, 50.0] {
+            let p: [[f64; 4]; 3] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    let m = camera.k * camera.r;
+                    let last = camera.k * camera.t;
+                    factor * if j < 3 { m[(i, j)] } else { last[i] }
+                })
+            });
+            let same = Camera::from_projection(p).unwrap();
+            assert!((same.k - camera.k).amax() < 1e-9 && (same.r - camera.r).amax() < 1e-12);
+            assert!((same.t - camera.t).amax() < 1e-9);
+        }
+        assert!(Camera::from_projection([[1.0, 2.0, 3.0, 4.0]; 3]).is_err());
+        assert!(Camera::new([[1.0, 0.0, 0.0]; 3], [[1.0, 0.0, 0.0]; 3], [0.0; 3]).is_err());
+    }
+
+    #[test]
+    fn pixels_look_at_what_they_show_and_poses_add_up() {
+        let camera = camera();
+        let at = [0.3, -0.4, 0.5];
+        let (pixel, depth) = camera.project(at).unwrap();
+        let way = Vector3::from(camera.direction(pixel));
+        let off = Vector3::from(at) - Vector3::from(camera.center());
+        assert!(off.cross(&way).norm() < 1e-12 && (camera.r * off).z - depth < 1e-12);
+        let change = [0.02, -0.01, 0.03, 0.1, -0.2, 0.05];
+        let back = camera.moved(change).change_from(&camera);
+        assert!(change.iter().zip(back).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+}

@@ -1,0 +1,234 @@
+//! Equations `D = 0` of readings, and their sum.
+//!
+//! Comes in: for each reading its distance, σ and derivatives by vertices of the mesh and by poses of cameras. Goes out: information and vector over the parameters.
+//!
+//! Equations are kept by vertices until they are summed, so that what was looked up for a step that is taken need not be looked up again.
+
+use crate::deformation::Deformation;
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::Loss;
+use rayon::prelude::*;
+
+/// Numbers that the partial sums of one pass hold together, at most.
+const SUMS: usize = 40_000_000;
+
+/// Where an equation comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    /// A point in space.
+    Point,
+    /// A point of an outline, or of a contour that is given.
+    Outline,
+    /// A line of sight on the wrong side of an outline: it counts while it is wrong.
+    Region,
+    /// A feature seen in several views.
+    Track,
+}
+
+/// Sources that have a scale of their own; regions have that of outlines.
+pub(super) const SCALES: usize = 3;
+
+impl Source {
+    pub(super) fn scale(self) -> usize {
+        match self {
+            Self::Point => 0,
+            Self::Outline | Self::Region => 1,
+            Self::Track => 2,
+        }
+    }
+
+    /// Regions are never ignored: a part that reaches far over a mask is no gross error of the mask.
+    pub(super) fn loss(self, usual: &Loss) -> Loss {
+        match self {
+            Self::Region => Loss::huber(),
+            _ => *usual,
+        }
+    }
+}
+
+/// One equation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Equation {
+    pub source: Source,
+    /// Which reading of its source.
+    pub reading: u32,
+    /// What is to be zero.
+    pub distance: f64,
+    /// Its σ as stated.
+    pub sigma: f64,
+    /// Ends of its entries by vertices and by poses.
+    vertices_end: u32,
+    poses_end: u32,
+}
+
+impl Equation {
+    pub(super) fn normalized(&self) -> f64 {
+        self.distance / self.sigma
+    }
+}
+
+/// Equations of some readings.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Equations {
+    pub list: Vec<Equation>,
+    by_vertices: Vec<(u32, [f64; 3])>,
+    by_poses: Vec<(u32, [f64; 6])>,
+}
+
+impl Equations {
+    /// Adds an equation; entries of the same vertex are summed.
+    pub(super) fn push(
+        &mut self,
+        source: Source,
+        reading: u32,
+        (distance, sigma): (f64, f64),
+        vertices: &mut Vec<(u32, [f64; 3])>,
+        poses: &[(u32, [f64; 6])],
+    ) {
+        vertices.sort_by_key(|(vertex, _)| *vertex);
+        let start = self.by_vertices.len();
+        for (vertex, by) in vertices.drain(..) {
+            match self.by_vertices[start..].last_mut() {
+                Some((last, sum)) if *last == vertex => {
+                    sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
+                }
+                _ => self.by_vertices.push((vertex, by)),
+            }
+        }
+        self.by_poses.extend_from_slice(poses);
+        self.list.push(Equation {
+            source,
+            reading,
+            distance,
+            sigma,
+            vertices_end: self.by_vertices.len() as u32,
+            poses_end: self.by_poses.len() as u32,
+        });
+    }
+
+    /// Each equation with its entries.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&Equation, &[(u32, [f64; 3])], &[(u32, [f64; 6])])> {
+        let (mut vertices, mut poses) = (0, 0);
+        self.list.iter().map(move |equation| {
+            let own = &self.by_vertices[vertices..equation.vertices_end as usize];
+            let pose = &self.by_poses[poses..equation.poses_end as usize];
+            (vertices, poses) = (equation.vertices_end as usize, equation.poses_end as usize);
+            (equation, own, pose)
+        })
+    }
+}
+
+/// The sum of equations: `N` and `−Jᵀ W D`, and what they cost.
+#[derive(Debug, Clone)]
+pub(super) struct Pass {
+    pub information: DMatrix<f64>,
+    pub vector: DVector<f64>,
+}
+
+/// What all equations cost.
+pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
+    (all.iter().flat_map(|some| &some.list))
+        .map(|e| e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]))
+        .sum()
+}
+
+/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`.
+pub(super) fn sum(
+    all: &[Equations],
+    deformation: &dyn Deformation,
+    poses: usize,
+    loss: &Loss,
+    factors: &[f64; SCALES],
+    with_regions: bool,
+) -> Pass {
+    let basis = deformation.basis();
+    let size = basis + 6 * poses;
+    // Pieces that do not depend on the threads.
+    let groups = (SUMS / (size * size).max(1)).clamp(2, 32);
+    let per_group = all.len().div_ceil(groups).max(1);
+    let sums: Vec<Pass> = (all.par_chunks(per_group))
+        .map(|group| {
+            let mut pass = Pass {
+                information: DMatrix::zeros(size, size),
+                vector: DVector::zeros(size),
+            };
+            let (mut row, mut touched) = (vec![0.0; size], Vec::new());
+            for (equation, vertices, own_poses) in group.iter().flat_map(Equations::iter) {
+                if equation.source == Source::Region && !with_regions {
+                    continue;
+                }
+                let sigma = equation.sigma * factors[equation.source.scale()];
+                let weight = equation.source.loss(loss).weight(equation.distance / sigma) / (sigma * sigma);
+                if weight <= 0.0 {
+                    continue;
+                }
+                let mut give = |k: usize, entry: f64| {
+                    if row[k] == 0.0 {
+                        touched.push(k);
+                    }
+                    row[k] += entry;
+                };
+                for (vertex, by) in vertices {
+                    deformation.row(*vertex, *by, &mut give);
+                }
+                for (pose, by) in own_poses {
+                    for (k, entry) in by.iter().enumerate() {
+                        give(basis + 6 * *pose as usize + k, *entry);
+                    }
+                }
+                touched.sort_unstable();
+                touched.dedup();
+                for (n, &i) in touched.iter().enumerate() {
+                    let scaled = weight * row[i];
+                    pass.vector[i] -= scaled * equation.distance;
+                    for &j in &touched[n..] {
+                        pass.information[(j, i)] += scaled * row[j];
+                    }
+                }
+                for k in touched.drain(..) {
+                    row[k] = 0.0;
+                }
+            }
+            pass
+        })
+        .collect();
+    let mut total = Pass {
+        information: DMatrix::zeros(size, size),
+        vector: DVector::zeros(size),
+    };
+    for pass in sums {
+        total.information += pass.information;
+        total.vector += pass.vector;
+    }
+    total.information.fill_upper_triangle_with_lower_triangle();
+    reduced(total, deformation, poses)
+}
+
+/// From the basis of the rows to the parameters; poses stay.
+fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
+    let Some(r) = deformation.reduction() else {
+        return pass;
+    };
+    let (basis, parameters, rest) = (deformation.basis(), deformation.parameters(), 6 * poses);
+    let n = &pass.information;
+    let size = parameters + rest;
+    let mut information = DMatrix::zeros(size, size);
+    let own = r.tr_mul(&(n.view((0, 0), (basis, basis)) * r));
+    let mixed = r.tr_mul(&n.view((0, basis), (basis, rest)));
+    information.view_mut((0, 0), (parameters, parameters)).copy_from(&own);
+    information
+        .view_mut((0, parameters), (parameters, rest))
+        .copy_from(&mixed);
+    information
+        .view_mut((parameters, 0), (rest, parameters))
+        .copy_from(&mixed.transpose());
+    (information.view_mut((parameters, parameters), (rest, rest))).copy_from(&n.view((basis, basis), (rest, rest)));
+    let mut vector = DVector::zeros(size);
+    vector
+        .rows_mut(0, parameters)
+        .copy_from(&r.tr_mul(&pass.vector.rows(0, basis)));
+    vector
+        .rows_mut(parameters, rest)
+        .copy_from(&pass.vector.rows(basis, rest));
+    Pass { information, vector }
+}

@@ -1,0 +1,254 @@
+//! All readings as equations at one sharpness of the shell.
+//!
+//! Comes in: parameters and poses. Goes out: the deformed mesh, and an equation for every reading.
+//!
+//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9).
+//! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope theorem).
+//!   σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
+//! - A pixel inside of a mask must hit, one outside must not: the same minimum counts while its sign is wrong.
+//! - A track: [`super::tracks`].
+
+use super::equations::{Equations, Source};
+use super::readings::{OutlineKind, ShellReadings};
+use super::sight::{MadeOf, Sight, Touch};
+use super::tracks;
+use crate::camera::Camera;
+use crate::deformation::{Deformation, displacements};
+use crate::field::{Share, Shell, ShellOptions};
+use nalgebra::DVector;
+use planish_estimate::vector3::{add, scale};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use rayon::prelude::*;
+
+/// Points and lines of sight that one piece of work holds: fixed, so that nothing depends on the threads.
+const POINTS: usize = 256;
+const LINES: usize = 48;
+/// Where the shell is all but parallel to the image, a pixel still stands for this share of its width there.
+const LEAST_SLOPE: f64 = 0.3;
+
+/// What is estimated.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    pub q: DVector<f64>,
+    pub cameras: Vec<Camera>,
+}
+
+/// The problem at one sharpness.
+pub(super) struct Problem<'a> {
+    pub mesh: &'a TriangleMesh,
+    /// For vertices of a subdivided mesh where they lie on that of the deformation.
+    pub origins: Option<&'a [[(u32, f64); 3]]>,
+    pub triangles: &'a [[u32; 3]],
+    pub deformation: &'a dyn Deformation,
+    pub readings: &'a ShellReadings<'a>,
+    pub shell: ShellOptions,
+    /// Which views have a pose in the state, and where.
+    pub slots: &'a [Option<u32>],
+}
+
+/// A piece of work.
+#[derive(Clone, Copy)]
+enum Work {
+    Points(usize, usize),
+    Outline(usize, usize, usize),
+    Inside(usize, usize, usize),
+    Outside(usize, usize, usize),
+    Tracks(usize, usize),
+}
+
+fn pieces(count: usize, each: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..count.div_ceil(each)).map(move |k| (k * each, ((k + 1) * each).min(count)))
+}
+
+impl Problem<'_> {
+    /// The mesh of the deformation, moved.
+    fn moved(&self, q: &DVector<f64>) -> TriangleMesh {
+        let by = displacements(self.deformation, q);
+        TriangleMesh {
+            positions: self.mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+            triangles: self.mesh.triangles.clone(),
+        }
+    }
+
+    /// The equations of all readings.
+    pub(super) fn equations(&self, state: &State) -> Result<Vec<Equations>> {
+        let own = self.moved(&state.q);
+        let subdivided = self.origins.map(|origins| TriangleMesh {
+            positions: (origins.iter())
+                .map(|origin| {
+                    std::array::from_fn(|k| origin.iter().map(|(v, w)| w * own.positions[*v as usize][k]).sum())
+                })
+                .collect(),
+            triangles: self.triangles.to_vec(),
+        });
+        let shell = Shell::new(subdivided.as_ref().unwrap_or(&own), &self.shell)?;
+        let lines = self.readings.views.iter().any(|view| !view.outline.is_empty());
+        let search = if lines { Some(MeshSearch::try_new(&own)?) } else { None };
+        let bounds = BoundingBox::of(&own.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let sight = search
+            .as_ref()
+            .map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
+        let mut work: Vec<Work> = (pieces(self.readings.points.len(), POINTS))
+            .map(|(a, b)| Work::Points(a, b))
+            .collect();
+        for (v, view) in self.readings.views.iter().enumerate().filter(|_| lines) {
+            work.extend(pieces(view.outline.len(), LINES).map(|(a, b)| Work::Outline(v, a, b)));
+            work.extend(pieces(view.inside.len(), LINES).map(|(a, b)| Work::Inside(v, a, b)));
+            work.extend(pieces(view.outside.len(), LINES).map(|(a, b)| Work::Outside(v, a, b)));
+        }
+        work.extend(pieces(self.readings.tracks.len(), LINES).map(|(a, b)| Work::Tracks(a, b)));
+        Ok((work.into_par_iter())
+            .map(|work| self.work(work, state, &shell, sight.as_ref()))
+            .collect())
+    }
+
+    fn work(&self, work: Work, state: &State, shell: &Shell<'_>, sight: Option<&Sight<'_>>) -> Equations {
+        let mut made = Equations::default();
+        let mut shares = Vec::new();
+        match (work, sight) {
+            (Work::Points(a, b), _) => {
+                let mut vertices = Vec::new();
+                for (i, point) in self.readings.points.iter().enumerate().take(b).skip(a) {
+                    let Some(found) = shell.distance(point.at, &mut shares) else {
+                        continue;
+                    };
+                    shell.by_vertices(point.at, &shares, &found, |v, by| self.give(v, by, &mut vertices));
+                    let residual = (found.distance, point.sigma(found.gradient));
+                    made.push(Source::Point, i as u32, residual, &mut vertices, &[]);
+                }
+            }
+            (Work::Tracks(a, b), _) => {
+                let give = |vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>| self.give(vertex, by, to);
+                for (i, track) in self.readings.tracks.iter().enumerate().take(b).skip(a) {
+                    let cameras = (&state.cameras[..], self.slots);
+                    // Behind a camera, or from one direction only: it says nothing now.
+                    let _ = tracks::add(track, i as u32, cameras, shell, &mut shares, &give, &mut made);
+                }
+            }
+            (Work::Outline(v, a, b), Some(sight)) => {
+                self.outline(v, (a, b), &state.cameras[v], sight, &mut shares, &mut made);
+            }
+            (Work::Inside(v, a, b), Some(sight)) => {
+                let camera = &state.cameras[v];
+                for pixel in &self.readings.views[v].inside[a..b] {
+                    let (origin, direction) = (camera.center(), camera.direction(*pixel));
+                    if sight.search.first_hit(origin, direction).is_none() {
+                        let found = sight.least(origin, direction, &mut shares);
+                        if let Some(touch) = found.filter(|touch| touch.distance > 0.0) {
+                            self.line(Source::Region, v, 0, 1.0, camera, &touch, sight, &mut shares, &mut made);
+                        }
+                    }
+                }
+            }
+            (Work::Outside(v, a, b), Some(sight)) => {
+                let camera = &state.cameras[v];
+                for pixel in &self.readings.views[v].outside[a..b] {
+                    let (origin, direction) = (camera.center(), camera.direction(*pixel));
+                    if sight.search.first_hit(origin, direction).is_some() {
+                        let found = sight.least(origin, direction, &mut shares);
+                        if let Some(touch) = found.filter(|touch| touch.distance < 0.0) {
+                            self.line(Source::Region, v, 0, 1.0, camera, &touch, sight, &mut shares, &mut made);
+                        }
+                    }
+                }
+            }
+            (_, None) => {}
+        }
+        made
+    }
+
+    fn outline(
+        &self,
+        v: usize,
+        (a, b): (usize, usize),
+        camera: &Camera,
+        sight: &Sight<'_>,
+        shares: &mut Vec<Share>,
+        made: &mut Equations,
+    ) {
+        let before: usize = self.readings.views[..v].iter().map(|view| view.outline.len()).sum();
+        for (i, place) in self.readings.views[v].outline.iter().enumerate().take(b).skip(a) {
+            let (origin, direction) = (camera.center(), camera.direction(place.pixel));
+            let found = match place.kind {
+                OutlineKind::Border => sight.least(origin, direction, shares),
+                // Of several minima that one which explains the place best.
+                OutlineKind::Contour => (sight.minima(origin, direction, shares).into_iter())
+                    .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs())),
+            };
+            if let Some(touch) = found {
+                let reading = (before + i) as u32;
+                self.line(
+                    Source::Outline,
+                    v,
+                    reading,
+                    place.sigma_px,
+                    camera,
+                    &touch,
+                    sight,
+                    shares,
+                    made,
+                );
+            }
+        }
+    }
+
+    /// The equation of one line of sight.
+    #[allow(clippy::too_many_arguments, reason = "one call site of each kind of line")]
+    fn line(
+        &self,
+        source: Source,
+        view: usize,
+        reading: u32,
+        sigma_px: f64,
+        camera: &Camera,
+        touch: &Touch,
+        sight: &Sight<'_>,
+        shares: &mut Vec<Share>,
+        made: &mut Equations,
+    ) {
+        let mut vertices = Vec::new();
+        match &touch.made_of {
+            MadeOf::Foot(foot) => {
+                let triangle = self.mesh.triangles[foot.triangle as usize];
+                for (vertex, weight) in triangle.into_iter().zip(foot.barycentric) {
+                    if weight != 0.0 {
+                        vertices.push((vertex, scale(-weight, touch.gradient)));
+                    }
+                }
+            }
+            MadeOf::Shell(sides) => {
+                for (at, found, share) in sides.iter().filter(|(_, _, share)| *share > 0.0) {
+                    // Shares are those of the last look, which need not have been this one.
+                    if sight.shell.distance(*at, shares).is_some() {
+                        (sight.shell).by_vertices(*at, shares, found, |v, by| {
+                            self.give(v, scale(*share, by), &mut vertices);
+                        });
+                    }
+                }
+            }
+        }
+        let [x, y] = camera.by_pixel(touch.at, touch.gradient);
+        let whole = camera.by_pixel_at_most(touch.at);
+        let sigma = sigma_px * x.hypot(y).max(LEAST_SLOPE * whole);
+        let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
+        made.push(
+            source,
+            reading,
+            (touch.distance, sigma),
+            &mut vertices,
+            by_pose.as_slice(),
+        );
+    }
+
+    /// What a vertex of the wrapped mesh is of that of the deformation.
+    fn give(&self, vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>) {
+        match self.origins {
+            None => to.push((vertex, by)),
+            Some(origins) => {
+                let own = origins[vertex as usize].iter().filter(|(_, w)| *w != 0.0);
+                to.extend(own.map(|(v, w)| (*v, by.map(|x| w * x))));
+            }
+        }
+    }
+}

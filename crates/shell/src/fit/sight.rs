@@ -1,0 +1,251 @@
+//! Where a line of sight comes nearest to a shell: the minima of `D(o + t d)` over `t`.
+//!
+//! Comes in: a line, the shell, and the same mesh prepared for closest points. Goes out: places, with `D` and `∇D` there.
+//!
+//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then positive where it misses, its depth below the surface where it hits, and zero where it touches: an outline. The signed
+//! distance from the mesh changes by no more than `t` does, so intervals that cannot hold the minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then found from the sign of its slope.
+//!
+//! A line that touches one part and hits another behind it has several minima; [`Sight::minima`] gives them all, and the data say which one is meant.
+//!
+//! Not guaranteed: minima closer together than the width are one.
+
+use crate::field::{Share, Shell, ShellDistance};
+use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
+use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch};
+
+/// Intervals that a line is cut into at first.
+const PIECES: usize = 8;
+/// Intervals for all minima of a line.
+const FINE_PIECES: usize = 64;
+/// Minima closer together than the mesh's size over this are not told apart.
+const NARROW: f64 = 150.0;
+/// Looks at the mesh on one line, at most.
+const MOST_LOOKS: usize = 120;
+/// A slope of `D` along the line that counts as none: what `D` lacks of its minimum is half its square over the curvature.
+const SLOPE: f64 = 1e-3;
+/// Doublings of an interval that does not hold the minimum.
+const WIDER: u32 = 5;
+/// Steps towards a minimum, at most.
+const MOST_STEPS: usize = 24;
+
+/// A place where a line of sight is nearest to the shell.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touch {
+    pub at: [f64; 3],
+    /// `D` there.
+    pub distance: f64,
+    /// `∇D` there.
+    pub gradient: [f64; 3],
+    pub made_of: MadeOf,
+}
+
+/// What the distance is made of.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum MadeOf {
+    /// Of the shell's shares at the place, or on either side of it where the slope of `D` jumps: place, distance and share of each.
+    Shell([([f64; 3], ShellDistance, f64); 2]),
+    /// Of one foot point on the mesh: beyond borders and at sharp edges, where heights over planes are no distance.
+    Foot(ClosestPoint),
+}
+
+/// A shell as lines of sight meet it.
+pub(super) struct Sight<'a> {
+    pub shell: &'a Shell<'a>,
+    pub search: &'a MeshSearch,
+    center: [f64; 3],
+    radius: f64,
+    /// Intervals are not cut below this.
+    width: f64,
+    softness: f64,
+}
+
+impl<'a> Sight<'a> {
+    pub(super) fn new(shell: &'a Shell<'a>, search: &'a MeshSearch, bounds: &BoundingBox, softness: f64) -> Self {
+        let diagonal = bounds.diagonal();
+        Self {
+            shell,
+            search,
+            center: bounds.center(),
+            radius: 0.51 * diagonal,
+            width: softness.max(diagonal / NARROW),
+            softness,
+        }
+    }
+
+    /// The part of a line that may be near, after its origin.
+    fn span(&self, origin: [f64; 3], direction: [f64; 3]) -> (f64, f64) {
+        let middle = dot(sub(self.center, origin), direction);
+        let away = norm(sub(add_scaled(origin, middle, direction), self.center));
+        let half = (self.radius * self.radius - away * away)
+            .max(0.04 * self.radius * self.radius)
+            .sqrt();
+        ((middle - half).max(0.0), (middle + half).max(self.width))
+    }
+
+    fn signed(&self, at: [f64; 3]) -> f64 {
+        (self.search.closest(at)).map_or(f64::INFINITY, |foot| {
+            if foot.on_boundary {
+                foot.distance
+            } else {
+                foot.signed_distance
+            }
+        })
+    }
+
+    /// The least `D` on a line; `None` where nothing is finite.
+    pub(super) fn least(&self, origin: [f64; 3], direction: [f64; 3], shares: &mut Vec<Share>) -> Option<Touch> {
+        let (from, to) = self.span(origin, direction);
+        let along = |t: f64| self.signed(add_scaled(origin, t, direction));
+        // Interval, its ends' distances, and what is the least that it can hold.
+        let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
+        let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
+        let mut best = (f64::INFINITY, from);
+        let mut last = (from, along(from));
+        for k in 1..=PIECES {
+            let t = from + (to - from) * k as f64 / PIECES as f64;
+            let here = along(t);
+            for (t, d) in [last, (t, here)] {
+                if d < best.0 {
+                    best = (d, t);
+                }
+            }
+            open.push([bound(last.0, t, last.1, here), last.0, t, last.1, here]);
+            last = (t, here);
+        }
+        let mut looks = PIECES + 1;
+        while looks < MOST_LOOKS {
+            let Some(next) = (0..open.len()).min_by(|&i, &j| open[i][0].total_cmp(&open[j][0])) else {
+                break;
+            };
+            let [lower, a, b, at_a, at_b] = open.swap_remove(next);
+            if lower >= best.0 - 0.1 * self.width {
+                break;
+            }
+            if b - a <= self.width {
+                continue;
+            }
+            let middle = 0.5 * (a + b);
+            let here = along(middle);
+            looks += 1;
+            if here < best.0 {
+                best = (here, middle);
+            }
+            open.push([bound(a, middle, at_a, here), a, middle, at_a, here]);
+            open.push([bound(middle, b, here, at_b), middle, b, here, at_b]);
+        }
+        best.0.is_finite().then_some(())?;
+        self.refined(origin, direction, best.1, self.width, shares)
+    }
+
+    /// All minima of `D` on a line.
+    pub(super) fn minima(&self, origin: [f64; 3], direction: [f64; 3], shares: &mut Vec<Share>) -> Vec<Touch> {
+        let (from, to) = self.span(origin, direction);
+        let step = (to - from) / FINE_PIECES as f64;
+        let heights: Vec<f64> = (0..=FINE_PIECES)
+            .map(|k| self.signed(add_scaled(origin, from + step * k as f64, direction)))
+            .collect();
+        (0..=FINE_PIECES)
+            .filter(|&k| {
+                let before = k.checked_sub(1).map_or(f64::INFINITY, |k| heights[k]);
+                let after = heights.get(k + 1).copied().unwrap_or(f64::INFINITY);
+                heights[k].is_finite() && heights[k] < before && heights[k] <= after
+            })
+            .filter_map(|k| self.refined(origin, direction, from + step * k as f64, step, shares))
+            .collect()
+    }
+
+    /// The minimum of `D` within `reach` of a place on a line.
+    fn refined(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        near: f64,
+        reach: f64,
+        shares: &mut Vec<Share>,
+    ) -> Option<Touch> {
+        let mut look = |t: f64| {
+            let at = add_scaled(origin, t, direction);
+            let found = self.shell.distance(at, shares)?;
+            Some((t, dot(found.gradient, direction), found))
+        };
+        let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
+        let mut best = look(near)?;
+        // A soft shell need not be nearest where the mesh is: downhill, in steps that grow.
+        for double in 0..WIDER {
+            let step = reach * f64::from(1_u32 << double);
+            if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
+                (high, best) = (best, low);
+                low = look((best.0 - step).max(0.0))?;
+            } else if high.1 <= 0.0 && high.2.distance <= best.2.distance {
+                (low, best) = (best, high);
+                high = look(best.0 + step)?;
+            } else {
+                break;
+            }
+        }
+        let bracketed = low.1 < 0.0 && high.1 > 0.0;
+        if bracketed {
+            // The slope's sign changes between low and high: the secant, and halves where the slope jumps.
+            for step in 0..MOST_STEPS {
+                if best.1 < 0.0 {
+                    low = best
+                } else {
+                    high = best
+                }
+                let width = high.0 - low.0;
+                if best.1.abs() < SLOPE || width < 1e-3 * self.softness {
+                    break;
+                }
+                let share = -low.1 / (high.1 - low.1);
+                let t = if step % 2 == 1 {
+                    0.5 * (low.0 + high.0)
+                } else {
+                    low.0 + share.clamp(0.02, 0.98) * width
+                };
+                best = look(t)?;
+            }
+        } else {
+            for other in [low, high] {
+                if other.2.distance < best.2.distance {
+                    best = other;
+                }
+            }
+        }
+        // Where the slope jumps through zero, the minimum moves with the kink: its derivative is that mean of both sides which has no slope along the line.
+        let share = if bracketed && best.1.abs() >= SLOPE && high.0 - low.0 < 0.01 * self.softness {
+            high.1 / (high.1 - low.1)
+        } else {
+            low = best;
+            1.0
+        };
+        let at = add_scaled(origin, best.0, direction);
+        let found = best.2;
+        let foot = self.search.closest(at)?;
+        let sharp = if foot.on_boundary {
+            foot.distance
+        } else {
+            foot.signed_distance
+        };
+        let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs();
+        if foot.on_boundary || odd {
+            let gradient = if foot.distance > 0.0 {
+                scale(1.0 / sharp, sub(at, foot.point))
+            } else {
+                foot.normal
+            };
+            return Some(Touch {
+                at,
+                distance: sharp,
+                gradient,
+                made_of: MadeOf::Foot(foot),
+            });
+        }
+        let sides = [(low, share), (high, 1.0 - share)];
+        Some(Touch {
+            at,
+            distance: found.distance,
+            gradient: (sides.iter()).fold([0.0; 3], |sum, (side, share)| add_scaled(sum, *share, side.2.gradient)),
+            made_of: MadeOf::Shell(sides.map(|(side, share)| (add_scaled(origin, side.0, direction), side.2, share))),
+        })
+    }
+}

@@ -1,0 +1,384 @@
+//! Levenberg and Marquardt's steps on the equations of a shell, from coarse fields to sharp ones; then the covariance.
+//!
+//! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
+
+use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
+use super::problem::{Problem, State};
+use super::readings::{PoseNoise, ShellReadings};
+use super::smoothness::Smoothness;
+use super::{ShellFit, ShellFitOptions, SourceFit, undetermined};
+use crate::deformation::{Deformation, displacements};
+use crate::field::{Metaball, ShellOptions, subdivided};
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::vector3::add;
+use planish_estimate::{Error, Result, Termination, gated_scale};
+use planish_mesh::{BoundingBox, TriangleMesh};
+
+/// Metaballs that give less than `exp(−9)` of the largest are left out: on a surface all of them together give 0.1 %.
+const REACH: f64 = 9.0;
+/// Gate of the scale of residuals, in standard deviations.
+const GATE: f64 = 3.0;
+/// A weight below which a reading is a gross error.
+const NOTHING: f64 = 0.05;
+/// Residuals that a scale needs.
+const LEAST_READINGS: usize = 8;
+/// Of more unknowns no redundancy is counted: it costs as much as the fit.
+const MOST_COUNTED: usize = 1500;
+/// One facet in so many may be turned the wrong way where outlines are fitted.
+const TURNED: usize = 50;
+
+/// What is known beside the readings, and of what.
+struct Known<'a> {
+    smooth: Smoothness,
+    options: &'a ShellFitOptions,
+    /// Of every pose in the state: its view, its noise, and the camera as it was given.
+    poses: Vec<(usize, PoseNoise)>,
+    readings: &'a ShellReadings<'a>,
+}
+
+impl Known<'_> {
+    /// Adds priors to information and vector.
+    fn add(&self, state: &State, weight: f64, pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut information, mut vector) = (pass.information.clone(), pass.vector.clone());
+        let parameters = state.q.len();
+        let mut own = information.view_mut((0, 0), (parameters, parameters));
+        own += weight * &self.smooth.stiffness;
+        let mut slope = vector.rows_mut(0, parameters);
+        slope -= weight * (&self.smooth.stiffness * &state.q);
+        if let Some(prior) = &self.options.prior {
+            own += &prior.information;
+            slope -= &prior.information * (&state.q - &prior.mean);
+        }
+        for (slot, (view, noise)) in self.poses.iter().enumerate() {
+            let change = state.cameras[*view].change_from(&self.readings.views[*view].camera);
+            for k in 0..6 {
+                let w = information_of(noise, k);
+                let at = parameters + 6 * slot + k;
+                information[(at, at)] += w;
+                vector[at] -= w * change[k];
+            }
+        }
+        (information, vector)
+    }
+
+    /// What the priors cost.
+    fn cost(&self, state: &State, weight: f64) -> f64 {
+        let mut sum = 0.5 * weight * self.smooth.roughness(&state.q);
+        if let Some(prior) = &self.options.prior {
+            let off = &state.q - &prior.mean;
+            sum += 0.5 * off.dot(&(&prior.information * &off));
+        }
+        for (view, noise) in &self.poses {
+            let change = state.cameras[*view].change_from(&self.readings.views[*view].camera);
+            sum += (0..6)
+                .map(|k| 0.5 * information_of(noise, k) * change[k] * change[k])
+                .sum::<f64>();
+        }
+        sum
+    }
+
+    /// Information and vector of the parameters, poses being whatever they are.
+    fn without_poses(&self, state: &State, pass: &Pass) -> Result<Pass> {
+        let (parameters, rest) = (state.q.len(), 6 * self.poses.len());
+        let own = pass.information.view((0, 0), (parameters, parameters)).into_owned();
+        let vector = pass.vector.rows(0, parameters).into_owned();
+        if rest == 0 {
+            return Ok(Pass {
+                information: own,
+                vector,
+            });
+        }
+        let (all, slope) = self.add(state, 0.0, pass);
+        let corner = all.view((parameters, parameters), (rest, rest)).into_owned();
+        let mixed = pass.information.view((parameters, 0), (rest, parameters)).into_owned();
+        let factor = corner.cholesky().ok_or_else(undetermined)?;
+        Ok(Pass {
+            information: own - mixed.tr_mul(&factor.solve(&mixed)),
+            vector: vector - mixed.tr_mul(&factor.solve(&slope.rows(parameters, rest).into_owned())),
+        })
+    }
+}
+
+fn information_of(noise: &PoseNoise, k: usize) -> f64 {
+    let sigma = if k < 3 {
+        noise.sigma_rotation
+    } else {
+        noise.sigma_translation
+    };
+    1.0 / (sigma * sigma)
+}
+
+/// Whether the facets of a mesh are turned the same way; an error where outlines need that and they are not.
+fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
+    let check = mesh.welded().check();
+    if needed && check.misoriented_edges * TURNED > check.edges {
+        return Err(Error::input(format!(
+            "outlines need a mesh whose facets are all turned outwards, and at {} of its {} edges two facets are turned against each other: make normals consistent first",
+            check.misoriented_edges, check.edges
+        )));
+    }
+    Ok(check.misoriented_edges == 0 && (needed || check.watertight))
+}
+
+pub(super) fn solve(
+    mesh: &TriangleMesh,
+    deformation: &dyn Deformation,
+    readings: &ShellReadings<'_>,
+    options: &ShellFitOptions,
+) -> Result<ShellFit> {
+    let parameters = deformation.parameters();
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
+    let oriented = is_oriented(mesh, with_outlines)?;
+    let mut slots = vec![None; readings.views.len()];
+    let mut poses = Vec::new();
+    for (v, view) in readings.views.iter().enumerate() {
+        if let Some(noise) = view.pose {
+            slots[v] = Some(poses.len() as u32);
+            poses.push((v, noise));
+        }
+    }
+    let stiffness = (options.stiffness.clone()).unwrap_or_else(|| DMatrix::zeros(parameters, parameters));
+    let mut known = Known {
+        smooth: Smoothness::new(stiffness)?,
+        options,
+        poses,
+        readings,
+    };
+    let mut state = State {
+        q: (options.prior.as_ref()).map_or_else(|| DVector::zeros(parameters), |prior| prior.mean.clone()),
+        cameras: readings.views.iter().map(|view| view.camera).collect(),
+    };
+    let mut factors = [1.0; SCALES];
+    let mut used = 0.0;
+    let mut iterations = 0;
+    let mut termination = Termination::Limit;
+    let mut last: Option<(Vec<Equations>, f64)> = None;
+    let (first, finest) = options.softness;
+    for step in 0..options.steps {
+        let share = if options.steps > 1 {
+            step as f64 / (options.steps - 1) as f64
+        } else {
+            1.0
+        };
+        let softness = size * first * (finest / first).powf(share);
+        let fine = match options.metaball {
+            Metaball::Triangular => None,
+            Metaball::Spherical => Some(subdivided(mesh, 1.5 * softness, options.most_facets)),
+        };
+        let problem = Problem {
+            mesh,
+            origins: fine.as_ref().map(|(_, origins)| &origins[..]),
+            triangles: fine.as_ref().map_or(&mesh.triangles, |(fine, _)| &fine.triangles),
+            deformation,
+            readings,
+            shell: ShellOptions {
+                reach: Some(REACH),
+                oriented,
+                ..ShellOptions::new(options.metaball, 1.0 / softness)
+            },
+            slots: &slots,
+        };
+        let mut damping = 1e-6;
+        termination = Termination::Limit;
+        let mut equations = problem.equations(&state)?;
+        let mut weight = 0.0;
+        for _ in 0..options.iterations {
+            iterations += 1;
+            if !options.believe_sigma {
+                // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes near.
+                factors = scales(&equations, used, factors)?;
+            }
+            let pass = sum(
+                &equations,
+                deformation,
+                known.poses.len(),
+                &options.loss,
+                &factors,
+                true,
+            );
+            let alone = known.without_poses(&state, &pass)?;
+            weight = known.smooth.weight(&alone.information, &alone.vector, &state.q)?;
+            let (wanted, slope) = known.add(&state, weight, &pass);
+            let before = cost(&equations, &options.loss, &factors) + known.cost(&state, weight);
+            let mut accepted = None;
+            let mut shorter = false;
+            for _ in 0..8 {
+                let change = damped_step(&wanted, damping, &slope)?;
+                let next = moved(&state, &change, &known);
+                let tried = problem.equations(&next)?;
+                let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
+                if after <= before * (1.0 + 1e-12) {
+                    let length = (change.dot(&(&wanted * &change)) / change.len() as f64).sqrt();
+                    shorter = length < 0.02 || before - after < 1e-6 * before;
+                    accepted = Some((next, tried));
+                    damping = (damping * 0.1).max(1e-9);
+                    break;
+                }
+                damping = (damping * 10.0).max(1e-6);
+            }
+            used = redundancy_used(&wanted, &pass.information);
+            let Some((next, tried)) = accepted else {
+                termination = Termination::ReachedTolerance;
+                break;
+            };
+            state = next;
+            equations = tried;
+            if shorter {
+                termination = Termination::Converged;
+                break;
+            }
+        }
+        last = Some((equations, weight));
+    }
+    let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
+    if !options.believe_sigma {
+        factors = scales(&equations, used, factors)?;
+    }
+    finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
+        termination,
+        iterations,
+        ..made
+    })
+}
+
+/// The covariance, and what became of the readings.
+fn finished(
+    mesh: &TriangleMesh,
+    deformation: &dyn Deformation,
+    known: &Known<'_>,
+    state: State,
+    equations: &[Equations],
+    factors: &[f64; SCALES],
+    weight: f64,
+) -> Result<ShellFit> {
+    let loss = &known.options.loss;
+    let poses = known.poses.len();
+    let parameters = state.q.len();
+    let mut pass = sum(equations, deformation, poses, loss, factors, false);
+    // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
+    let moments = loss.moments(1)?;
+    pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
+    let data_information = known.without_poses(&state, &pass)?.information;
+    let (information, _) = known.add(&state, weight, &pass);
+    let covariance = information.cholesky().ok_or_else(undetermined)?.inverse();
+    let mut pose_covariances = vec![None; state.cameras.len()];
+    for (slot, (view, _)) in known.poses.iter().enumerate() {
+        let at = parameters + 6 * slot;
+        pose_covariances[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
+    }
+    let readings = known.readings;
+    let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
+    let of = |source: Source, count: usize| source_fit(equations, source, count, factors, known);
+    let by = displacements(deformation, &state.q);
+    Ok(ShellFit {
+        positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
+        points: of(Source::Point, readings.points.len()),
+        outlines: of(Source::Outline, outlines),
+        tracks: of(Source::Track, readings.tracks.len()),
+        parameters: state.q,
+        cameras: state.cameras,
+        pose_covariances,
+        smoothness_weight: weight,
+        data_information,
+        termination: Termination::Limit,
+        iterations: 0,
+    })
+}
+
+fn source_fit(
+    equations: &[Equations],
+    source: Source,
+    count: usize,
+    factors: &[f64; SCALES],
+    known: &Known<'_>,
+) -> SourceFit {
+    let sigmas_px: Vec<f64> = match source {
+        Source::Outline => (known.readings.views.iter())
+            .flat_map(|view| view.outline.iter().map(|place| place.sigma_px))
+            .collect(),
+        _ => Vec::new(),
+    };
+    let factor = factors[source.scale()];
+    let mut outliers = vec![true; count];
+    let (mut squares, mut kept) = (0.0, 0_usize);
+    for equation in equations
+        .iter()
+        .flat_map(|some| &some.list)
+        .filter(|e| e.source == source)
+    {
+        let reading = equation.reading as usize;
+        if known.options.loss.weight(equation.normalized() / factor) < NOTHING {
+            continue;
+        }
+        outliers[reading] = false;
+        let residual = match source {
+            Source::Point => equation.distance,
+            Source::Outline => equation.normalized() * sigmas_px[reading],
+            _ => equation.normalized(),
+        };
+        squares += residual * residual;
+        kept += 1;
+    }
+    SourceFit {
+        sigma_factor: factor,
+        rms: (squares / kept.max(1) as f64).sqrt(),
+        outliers,
+    }
+}
+
+/// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.
+fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[f64; SCALES]> {
+    let mut of_scale: [Vec<f64>; SCALES] = Default::default();
+    for equation in equations.iter().flat_map(|some| &some.list) {
+        if equation.source != Source::Region {
+            of_scale[equation.source.scale()].push(equation.normalized());
+        }
+    }
+    let count = of_scale.iter().map(Vec::len).sum::<usize>() as f64;
+    // Of fewer readings than unknowns nothing is left to tell σ by: at most half of the variance is taken for redundancy that is missing.
+    let redundancy = (1.0 - used / count.max(1.0)).max(0.5);
+    let mut factors = before;
+    for (factor, residuals) in factors.iter_mut().zip(of_scale) {
+        if residuals.len() >= LEAST_READINGS {
+            let sigma = gated_scale(&residuals, GATE)?.sigma / redundancy.sqrt();
+            if sigma > 0.0 {
+                *factor = sigma;
+            }
+        }
+    }
+    Ok(factors)
+}
+
+/// `tr(A⁻¹ N)`: how many readings the unknowns take up.
+fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
+    if wanted.nrows() > MOST_COUNTED {
+        return 0.0;
+    }
+    (wanted.clone().cholesky()).map_or(0.0, |factor| factor.inverse().component_mul(information).sum())
+}
+
+fn moved(state: &State, change: &DVector<f64>, known: &Known<'_>) -> State {
+    let parameters = state.q.len();
+    let mut next = State {
+        q: &state.q + change.rows(0, parameters),
+        cameras: state.cameras.clone(),
+    };
+    for (slot, (view, _)) in known.poses.iter().enumerate() {
+        let by = std::array::from_fn(|k| change[parameters + 6 * slot + k]);
+        next.cameras[*view] = state.cameras[*view].moved(by);
+    }
+    next
+}
+
+/// `(N + μ diag N) x = b`.
+fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> Result<DVector<f64>> {
+    let mut damped = equations.clone();
+    let mean = equations.trace() / equations.nrows() as f64;
+    for k in 0..damped.nrows() {
+        let own = damped[(k, k)];
+        damped[(k, k)] += damping * own.max(1e-12 * mean);
+    }
+    Ok(damped.cholesky().ok_or_else(undetermined)?.solve(right))
+}
