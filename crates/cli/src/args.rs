@@ -1,6 +1,7 @@
 //! The command line, as clap reads it: every option, its unit, its default, and an example that runs.
 
 use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
+use crate::shell_args::ShellArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -55,6 +56,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Say where to measure next, so that a model becomes better known
     Next(NextArgs),
+    /// Wrap any mesh in an implicit shell and fit it to points and silhouettes
+    Shell(ShellArgs),
     /// Turn two or three views of a drawing into solids
     Solid(SolidArgs),
     /// Make measurements whose truth is known

@@ -16,6 +16,10 @@ mod numbers;
 mod progress;
 mod report;
 mod sense;
+mod shell;
+mod shell_args;
+mod shell_mesh;
+mod shell_pose;
 mod simulate;
 mod solid;
 
@@ -36,6 +40,7 @@ fn main() -> ExitCode {
         Command::Contour(args) => contour::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Next(args) => next::run(&args),
+        Command::Shell(args) => shell::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };

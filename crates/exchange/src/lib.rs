@@ -19,6 +19,7 @@
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
 //! | [`raster`] | TIFF, NPY | numbers of every pixel out |
 //! | [`views`] | `views.toml` | cameras with masks, contours and tracks in |
+//! | [`poses`] | TOML | moves of controls and keyframes in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
@@ -46,6 +47,7 @@ pub mod off;
 pub mod pcd;
 pub mod picture;
 pub mod ply;
+pub mod poses;
 pub mod raster;
 pub mod step;
 pub mod stl;

@@ -21,6 +21,7 @@ pub mod progress;
 pub mod propagate;
 pub mod saved;
 pub mod sense;
+pub mod shell;
 pub mod simulate;
 pub mod solid;
 pub mod stream;

@@ -394,7 +394,7 @@ mod tests {
         let worst = |columns: usize| {
             let sheet = grid_sheet(10.0, 1.0, columns, 1);
             let vertices: Vec<u32> = (0..sheet.positions.len() as u32)
-                .filter(|v| sheet.positions[*v as usize][0] < 3.0)
+                .filter(|v| sheet.positions[*v as usize][0] < -2.0)
                 .collect();
             let inner = Box::new(VertexDisplacements::new(&sheet.positions));
             let part = RigidPart {

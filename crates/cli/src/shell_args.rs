@@ -1,0 +1,23 @@
+//! Arguments of `planish shell`.
+
+use crate::shell_mesh::ShellMeshArgs;
+use crate::shell_pose::ShellPoseArgs;
+use clap::{Args, Subcommand};
+
+/// Arguments of `planish shell`.
+#[derive(Debug, Args)]
+#[command(subcommand_required = true, arg_required_else_help = true)]
+pub struct ShellArgs {
+    /// What to do with the shell.
+    #[command(subcommand)]
+    pub command: ShellCommand,
+}
+
+/// The jobs of a shell.
+#[derive(Debug, Subcommand)]
+pub enum ShellCommand {
+    /// Mesh the surface of a shell: closed and manifold, whatever the mesh is like
+    Mesh(ShellMeshArgs),
+    /// Pose a mesh by moving a few controls, and write it with its texture and its poses
+    Pose(ShellPoseArgs),
+}

@@ -1,0 +1,4 @@
+//! `planish shell`: any mesh, wrapped in an implicit shell and moved by a few controls.
+
+pub mod pose;
+pub mod surface;
