@@ -20,6 +20,7 @@ mod shell;
 mod shell_args;
 mod shell_mesh;
 mod shell_pose;
+mod shell_scene;
 mod simulate;
 mod solid;
 
