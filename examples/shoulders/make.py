@@ -3,7 +3,7 @@
     python3 make.py HEAD.obj FOLDER
     planish shell pose FOLDER/person.obj --poses FOLDER/poses.toml -o FOLDER/posed.glb
 
-Comes in: the head of ICT FaceKit (its licence stays in the OBJ's header). Goes out: person.obj, with the parts `head` and `body`, and poses.toml.
+Comes in: the head of ICT FaceKit (its licence stays in the OBJ's header). Goes out: person.obj, with the parts `head`, `collar` (the rest of the file's mesh) and `body`, and poses.toml.
 The body is swept: ellipses from the neck, which reaches into the head, over the shoulders down to the chest. It need not be joined to the head: shells ask for no clean mesh.
 Needs numpy.
 """
@@ -12,6 +12,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
+# Where the head ends, as a share of the height of the file's mesh.
+NECK = 0.3
 
 
 def read_head(path):
@@ -41,16 +44,15 @@ def body(bottom, size, columns=96, rows=60):
     around = np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
     points = []
     for s in np.linspace(0.0, 1.0, rows):
-        y = bottom + (0.12 - 0.95 * s) * size
-        wide = 0.19 + 0.62 * smooth((s - 0.28) / 0.45)
-        deep = 0.20 + 0.12 * smooth((s - 0.28) / 0.5)
+        y = bottom + (0.27 - 1.0 * s) * size
+        wide = 0.165 + 0.24 * smooth((s - 0.08) / 0.24) + 0.36 * smooth((s - 0.24) / 0.3)
+        deep = 0.155 + 0.20 * smooth((s - 0.10) / 0.35)
         # A superellipse: shoulders are squarer than a neck.
-        power = 1.0 - 0.25 * smooth((s - 0.3) / 0.4)
+        power = 1.0 - 0.3 * smooth((s - 0.3) / 0.4)
         x = np.sign(np.cos(around)) * np.abs(np.cos(around)) ** power * wide
         z = np.sin(around) * deep
-        # Shoulders slope.
-        y = y - 0.10 * size * smooth((np.abs(x) - 0.15) / 0.5) * smooth((s - 0.2) / 0.3)
-        points.append(np.stack([x * size, y, (z - 0.10) * size], axis=1))
+        y = np.full_like(x, y)
+        points.append(np.stack([x * size, y, (z - 0.16) * size], axis=1))
     uv = [[c / columns, r / (rows - 1)] for r in range(rows) for c in range(columns)]
     faces = []
     for r in range(rows - 1):
@@ -77,16 +79,19 @@ def main(head_path, folder):
             out.write("v %.6f %.6f %.6f\n" % tuple(p))
         for t in np.concatenate([uv, body_uv]) if len(uv) else body_uv:
             out.write("vt %.6f %.6f\n" % tuple(t))
-        out.write("g head\n")
-        for face in faces:
-            out.write("f " + " ".join(f"{v + 1}/{t + 1}" if t is not None else f"{v + 1}" for v, t in face) + "\n")
+        # The head ends at the neck; what the file has below it deforms with the body.
+        is_head = [min(points[v][1] for v, _ in face) > low[1] + NECK * size for face in faces]
+        for name, wanted in (("head", True), ("collar", False)):
+            out.write(f"g {name}\n")
+            for face in (face for face, own in zip(faces, is_head) if own == wanted):
+                out.write("f " + " ".join(f"{v + 1}/{t + 1}" if t is not None else f"{v + 1}" for v, t in face) + "\n")
         out.write("g body\n")
         for face in body_faces:
             out.write("f " + " ".join(f"{v + 1 + len(points)}/{v + 1 + len(uv)}" for v in face) + "\n")
-    shoulder_y = low[1] - 0.45 * size
+    shoulder_y = low[1] - 0.22 * size
     moves = ", ".join(
         "{ near = [%.4f, %.4f, %.4f], within = %.4f, by = [0, %.4f, 0] }"
-        % (middle[0] + side * 0.62 * size, shoulder_y, middle[2] - 0.1 * size, 0.30 * size, 0.16 * size)
+        % (middle[0] + side * 0.62 * size, shoulder_y, middle[2] - 0.16 * size, 0.38 * size, 0.17 * size)
         for side in (-1, 1)
     )
     (folder / "poses.toml").write_text(
