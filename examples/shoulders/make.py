@@ -89,20 +89,25 @@ def main(head_path, folder):
         for face in body_faces:
             out.write("f " + " ".join(f"{v + 1 + len(points)}/{v + 1 + len(uv)}" for v in face) + "\n")
     shoulder_y = low[1] - 0.22 * size
-    moves = ", ".join(
+    # Moves add up: smaller and smaller reaches about each shoulder make a smooth hill.
+    reaches = np.linspace(0.62, 0.12, 11) * size
+    moves = ",\n  ".join(
         "{ near = [%.4f, %.4f, %.4f], within = %.4f, by = [0, %.4f, 0] }"
-        % (middle[0] + side * 0.62 * size, shoulder_y, middle[2] - 0.16 * size, 0.38 * size, 0.17 * size)
+        % (middle[0] + side * 0.62 * size, shoulder_y, middle[2] - 0.16 * size, reach, 0.2 * size / len(reaches))
         for side in (-1, 1)
+        for reach in reaches
     )
     (folder / "poses.toml").write_text(
-        f"""controls = 150
+        f"""controls = 120
 blend = {0.2 * size:.4f}
 [[rigid]]
 part = "head"
 motion = "held"
 [[pose]]
 name = "both shoulders raised"
-move = [{moves}]
+move = [
+  {moves}
+]
 [[keyframe]]
 seconds = 0
 weights = {{ "both shoulders raised" = 0 }}

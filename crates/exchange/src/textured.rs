@@ -134,6 +134,37 @@ pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
     })
 }
 
+/// The bytes of a picture, to be put into another file as they are.
+///
+/// # Errors
+/// `Io` where the file cannot be read.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
+}
+
+/// Indices of vertices from 0, in any order, with blanks or lines between them; `#` begins a comment. Goes out: each once, in order.
+///
+/// # Errors
+/// `Io` where the file cannot be read; `Input` for what is no index, with the line.
+pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
+    let text = read_text(path)?;
+    let mut vertices = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        for word in line.split('#').next().unwrap_or_default().split_whitespace() {
+            vertices.push(word.parse().map_err(|_| {
+                Error::input(format!(
+                    "{}: line {}: needed the index of a vertex, found `{word}`",
+                    path.display(),
+                    index + 1
+                ))
+            })?);
+        }
+    }
+    vertices.sort_unstable();
+    vertices.dedup();
+    Ok(vertices)
+}
+
 /// The picture of each material's colour that a material file names, beside it.
 ///
 /// # Errors
@@ -291,6 +322,11 @@ mod tests {
             let said = read_textured(&path).unwrap_err().to_string();
             assert!(said.contains(wanted), "{said}");
         }
+        let list = folder.path().join("a.txt");
+        std::fs::write(&list, "7 3 # seven\n3\n").unwrap();
+        assert_eq!(read_vertex_list(&list).unwrap(), [3, 7]);
+        std::fs::write(&list, "7\n-3\n").unwrap();
+        assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
         let materials = folder.path().join("a.mtl");
         std::fs::write(&materials, "map_Kd a.png\n").unwrap();
         assert!(

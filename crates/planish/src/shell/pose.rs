@@ -40,7 +40,7 @@ use planish_exchange::extension;
 use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
-use planish_exchange::textured::{TexturedMesh, read_textured, write_textured_obj};
+use planish_exchange::textured::{TexturedMesh, read_bytes, read_textured, read_vertex_list, write_textured_obj};
 use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
 use serde::Serialize;
@@ -138,23 +138,7 @@ pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
             }
         )));
     }
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))?;
-    let mut vertices = Vec::new();
-    for (line, text) in text.lines().enumerate() {
-        for word in text.split('#').next().unwrap_or_default().split_whitespace() {
-            vertices.push(word.parse().map_err(|_| {
-                Error::input(format!(
-                    "{}: line {}: needed the index of a vertex, found `{word}`",
-                    path.display(),
-                    line + 1
-                ))
-            })?);
-        }
-    }
-    vertices.sort_unstable();
-    vertices.dedup();
-    Ok(vertices)
+    read_vertex_list(path)
 }
 
 /// Poses a mesh.
@@ -302,10 +286,10 @@ fn write(
     };
     let picture = match &file.texture {
         None => None,
-        Some(texture) => match std::fs::read(texture) {
+        Some(texture) => match read_bytes(texture) {
             Ok(bytes) => Some(bytes),
             Err(e) => {
-                warnings.push(format!("{}: the texture is left out: {e}", texture.display()));
+                warnings.push(format!("the texture is left out: {e}"));
                 None
             }
         },
