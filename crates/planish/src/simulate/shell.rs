@@ -198,7 +198,7 @@ fn normal(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
 fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let size = bounds.diagonal();
     let angle = std::f64::consts::TAU * view as f64 / views as f64;
-    let height = if view % 2 == 0 { 0.35 } else { -0.35 };
+    let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
     let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
     let center = add_scaled(bounds.center(), FAR * size, from);
     let forward = Vector3::from(scale(-1.0, from));
