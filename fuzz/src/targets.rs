@@ -16,6 +16,7 @@ use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
 use planish_exchange::svg::read_svg;
+use planish_exchange::textured::{read_materials, read_textured};
 use planish_exchange::{extension, read_inputs};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -52,6 +53,9 @@ pub const TARGETS: &[Target] = &[
     Target { name: "conf",     file: "a.conf",    valid: valid::lists,      words: LIST, mend: as_it_is,   read: scans },
     Target { name: "job",      file: "a.toml",    valid: valid::jobs,       words: JOB,  mend: as_it_is,   read: scans },
     Target { name: "obj",      file: "a.obj",     valid: valid::objs,       words: OBJ,  mend: as_it_is,   read: mesh_and_back },
+    Target { name: "obj-looks", file: "a.obj",    valid: valid::objs,       words: OBJ,  mend: as_it_is,   read: textured },
+    Target { name: "mtl",      file: "a.mtl",     valid: valid::mtls,       words: MTL,  mend: as_it_is,   read: materials },
+    Target { name: "off",      file: "a.off",     valid: valid::offs,       words: OFF,  mend: as_it_is,   read: mesh_and_back },
     Target { name: "stl",      file: "a.stl",     valid: valid::stls,       words: STL,  mend: count_of_stl, read: mesh_and_back },
     Target { name: "glb",      file: "a.glb",     valid: valid::glbs,       words: GLB,  mend: lengths_of_glb, read: mesh_and_back },
     Target { name: "npy",      file: "a.npy",     valid: valid::npys,       words: NPY,  mend: as_it_is,   read: scans },
@@ -259,6 +263,8 @@ const JSON: &[&str] = &[
 const OBJ: &[&str] = &[
     "v", "vn", "vt", "f", "l", "p", "o", "g", "s", "usemtl", "#", "unit", "mm", "/", "//", "-1", "\\\n", "\n",
 ];
+const OFF: &[&str] = &["OFF", "COFF", "4OFF", "BINARY", "#", "3", "4", "0", "-1", "1e400", "\n"];
+const MTL: &[&str] = &["newmtl", "map_Kd", "Kd", "-s", "#", "a.png", " ", "\n"];
 const STL: &[&str] = &[
     "solid", "facet", "normal", "outer", "loop", "vertex", "endloop", "endfacet", "endsolid", "unit=mm", "\n",
 ];
@@ -724,6 +730,24 @@ fn scan_and_back(path: &Path) -> Result<()> {
         "a scan that was written reads as another"
     );
     Ok(())
+}
+
+/// A mesh with its looks, which is split at its seams as for a viewer.
+fn textured(path: &Path) -> Result<()> {
+    read_textured(path).map(|mesh| {
+        let split = mesh.split();
+        assert!(
+            split
+                .triangles
+                .iter()
+                .flatten()
+                .all(|&v| (v as usize) < split.vertex_of.len())
+        );
+    })
+}
+
+fn materials(path: &Path) -> Result<()> {
+    read_materials(path).map(|_| ())
 }
 
 fn mesh_and_back(path: &Path) -> Result<()> {

@@ -322,6 +322,20 @@ pub fn objs() -> Result<Vec<Vec<u8>>> {
     Ok(vec![square("a.obj")?, other.as_bytes().to_vec()])
 }
 
+/// OFF as we write it and with polygons and colours.
+pub fn offs() -> Result<Vec<Vec<u8>>> {
+    let other =
+        "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 0.5 0.5 0.5\n";
+    Ok(vec![square("a.off")?, other.as_bytes().to_vec()])
+}
+
+/// Material files.
+pub fn mtls() -> Result<Vec<Vec<u8>>> {
+    Ok(vec![
+        b"newmtl a\nKd 1 1 1\nmap_Kd a.png\nnewmtl b\nmap_Kd -s 1 1 1 b.png\n".to_vec(),
+    ])
+}
+
 /// STL in binary and text.
 pub fn stls() -> Result<Vec<Vec<u8>>> {
     let facet = |z: f64| {

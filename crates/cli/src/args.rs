@@ -3,6 +3,7 @@
 use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
 use crate::merge_args::MergeArgs;
 use crate::shell_args::ShellArgs;
+use crate::shell_scene::ShellSceneArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -825,6 +826,8 @@ pub enum Scene {
     Readings(ReadingsArgs),
     /// The outlines of a triangular prism in three views, ranged from uncertain poses, for `contour` and `solid`
     Views(ViewsArgs),
+    /// A mesh deformed by known controls, as points and masks, for `shell`
+    Shell(ShellSceneArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
     /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole

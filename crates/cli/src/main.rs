@@ -20,6 +20,10 @@ mod report;
 mod sense;
 mod shell;
 mod shell_args;
+mod shell_fit;
+mod shell_mesh;
+mod shell_pose;
+mod shell_scene;
 mod simulate;
 mod solid;
 

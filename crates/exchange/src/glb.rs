@@ -8,7 +8,7 @@
 //! they are before the node's scale. `COLOR_0` shows σ from dark violet (small) to yellow (large, on a logarithmic scale), and grey where nothing was
 //! measured. The same input gives the same bytes.
 //!
-//! Meshes that change in time are written with morph targets and an animation ([`write_animation`]).
+//! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those that can be posed, with a texture ([`write_posed`]).
 //!
 //! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Textures, skins, morph targets, animations, points
 //! and lines are passed over when read.
@@ -17,12 +17,14 @@
 //! The Khronos Group, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022).
 
 mod animate;
+mod pose;
 mod read;
 #[cfg(test)]
 mod tests;
 mod write;
 
 pub use animate::{MeshFrame, write_animation};
+pub use pose::{Keyframe, MorphTarget, PosedMesh, write_posed};
 pub use read::read_mesh;
 pub(crate) use read::read_scan;
 pub use write::{ramp, write_mesh};

@@ -6,7 +6,9 @@
 //! | [`obj`] | OBJ | points and meshes in; meshes out |
 //! | [`stl`] | STL, binary and ASCII | points and meshes in; meshes out |
 //! | [`glb`] | GLB, binary glTF 2.0 | points and meshes in; meshes out |
-//! | [`mesh`] | whichever of these four | meshes in and out |
+//! | [`off`] | OFF | meshes in and out |
+//! | [`mesh`] | whichever of these five | meshes in and out |
+//! | [`textured`] | OBJ with MTL | meshes with texture coordinates and named parts, in and out |
 //! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
 //! | [`pcd`] | PCD, three encodings | organised and plain clouds in |
 //! | [`las`] | LAS, LAZ | points and their classes in |
@@ -17,6 +19,7 @@
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
 //! | [`raster`] | TIFF, NPY | numbers of every pixel out |
 //! | [`views`] | `views.toml` | cameras with masks, contours and tracks in |
+//! | [`poses`] | TOML | moves of controls and keyframes in |
 //! | [`vrip`] | VRIP `.conf` | scans with poses in |
 //! | [`job`] | `job.toml` | sensors and scans in |
 //! | [`geotiff`] | GeoTIFF | heights and their σ out |
@@ -40,13 +43,16 @@ pub mod mesh;
 pub mod model;
 pub mod npy;
 pub mod obj;
+pub mod off;
 pub mod pcd;
 pub mod picture;
 pub mod ply;
+pub mod poses;
 pub mod raster;
 pub mod step;
 pub mod stl;
 pub mod svg;
+pub mod textured;
 pub mod views;
 pub mod vrip;
 pub mod xyz;

@@ -1,4 +1,4 @@
-//! Triangle meshes in any of the formats, by the file's extension: PLY, OBJ, STL and GLB.
+//! Triangle meshes in any of the formats, by the file's extension: PLY, OBJ, STL, OFF and GLB.
 //!
 //! Comes in: a path. Goes out: a [`PolygonMesh`]; or a file that holds what its format can of [`MeshColumns`].
 //!
@@ -7,6 +7,7 @@
 //! | PLY | `float64` positions, normals, every column, the unit | the same |
 //! | OBJ | all digits of positions and normals, the unit in a comment | the same |
 //! | STL | `float32` positions, the unit in the header | equal vertices become one |
+//! | OFF | all digits of positions | polygons; the unit and columns have no place |
 //! | GLB | `float32` positions about an offset, normals, columns; metres | the same |
 //!
 //! Not guaranteed: that columns survive OBJ and STL, which have no place for them.
@@ -133,10 +134,10 @@ impl MeshColumns<'_> {
     }
 }
 
-/// Whether a path's extension is that of a format that holds meshes: `ply`, `obj`, `stl` or `glb`, maybe behind gzip.
+/// Whether a path's extension is that of a format that holds meshes: `ply`, `obj`, `stl`, `off` or `glb`, maybe behind gzip.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
-    matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "glb")
+    matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "off" | "glb")
 }
 
 /// Reads a mesh of any format; one without faces has no triangles.
@@ -148,6 +149,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
         "ply" => crate::ply::read_mesh(path),
         "obj" => crate::obj::read_mesh(path),
         "stl" => crate::stl::read_mesh(path),
+        "off" => crate::off::read_mesh(path),
         "glb" => crate::glb::read_mesh(path),
         other => Err(unsupported(path, other)),
     }
@@ -176,6 +178,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
         "ply" => crate::ply::write_mesh(path, mesh),
         "obj" => crate::obj::write_mesh(path, mesh),
         "stl" => crate::stl::write_mesh(path, mesh),
+        "off" => crate::off::write_mesh(path, mesh),
         "glb" => crate::glb::write_mesh(path, mesh),
         other => Err(unsupported(path, other)),
     }
@@ -183,7 +186,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 
 fn unsupported(path: &Path, found: &str) -> Error {
     Error::unsupported(format!(
-        "{}: needed a mesh (ply, obj, stl, glb), found the extension `{found}`",
+        "{}: needed a mesh (ply, obj, stl, off, glb), found the extension `{found}`",
         path.display()
     ))
 }

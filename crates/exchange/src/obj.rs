@@ -7,11 +7,14 @@
 //! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn` as `v`, they belong together in order:
 //! so do point clouds write them. A comment `# unit mm` names the unit.
 //!
-//! Not guaranteed: groups, materials, texture coordinates, free-form curves and surfaces are passed over.
+//! [`read_textured`] also takes texture coordinates, groups, objects and materials ([`crate::textured`]); elsewhere they are passed over.
+//!
+//! Not guaranteed: free-form curves and surfaces are passed over.
 //!
 //! # References
 //! Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1, *Object Files*.
 
+mod looks;
 #[cfg(test)]
 mod tests;
 
@@ -25,6 +28,9 @@ use planish_sense::Scan;
 use crate::Unit;
 use crate::atomic::write_packed;
 use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use looks::Looks;
+pub(crate) use looks::read_textured;
+
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// What stands before the unit's name in our own comments.
@@ -132,11 +138,16 @@ struct Obj {
     unit: Option<Unit>,
     /// Corners of the face at hand.
     face: Vec<u32>,
+    /// Texture coordinates and parts, where they are wanted.
+    looks: Option<Looks>,
 }
 
 impl Obj {
-    fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
-        let mut obj = Self::default();
+    fn read<R: Read>(source: &mut Source<R>, looks: Option<Looks>) -> Result<Self> {
+        let mut obj = Self {
+            looks,
+            ..Self::default()
+        };
         let mut joined = Vec::new();
         loop {
             let number = source.line_number() + 1;
@@ -203,7 +214,12 @@ impl Obj {
             }
             Some(b"vn") => self.stated.push(three(&mut rest, number)?),
             Some(b"f" | b"fo") => self.face(rest, number)?,
-            _ => {}
+            Some(keyword) => {
+                if let Some(looks) = &mut self.looks {
+                    looks.line(keyword, rest, number)?;
+                }
+            }
+            None => {}
         }
         Ok(())
     }
@@ -229,11 +245,20 @@ impl Obj {
                 })
             };
             let vertex = index(parts.next().unwrap_or_default(), self.points.len(), "vertex")?;
-            let normal = match (parts.next(), parts.next(), parts.next()) {
-                (_, None | Some(b""), None) => None,
-                (_, Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
+            let texture = parts.next();
+            let normal = match (parts.next(), parts.next()) {
+                (None | Some(b""), None) => None,
+                (Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
                 _ => return Err(wrong()),
             };
+            if let Some(looks) = &mut self.looks {
+                let count = looks.uv.len();
+                let uv = match texture {
+                    None | Some(b"") => None,
+                    Some(part) => Some(index(part, count, "texture coordinate")?),
+                };
+                looks.corner(self.face.len(), uv, line);
+            }
             self.farthest_vertex.see(vertex, line);
             if let Some(normal) = normal {
                 self.farthest_normal.see(normal, line);
@@ -253,6 +278,9 @@ impl Obj {
         }
         self.triangles
             .extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+        if let Some(looks) = &mut self.looks {
+            looks.finish_face(self.triangles.len());
+        }
         Ok(())
     }
 
@@ -305,7 +333,7 @@ fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
 }
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
-    let mut obj = Obj::read(source)?;
+    let mut obj = Obj::read(source, None)?;
     obj.triangles = Vec::new();
     let columns = obj.normal_columns();
     let scan = scan_of_vertices(obj.points.into_iter(), &columns, name)?;
@@ -313,7 +341,10 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Optio
 }
 
 fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
-    let mut obj = Obj::read(source)?;
+    mesh_of(Obj::read(source, None)?)
+}
+
+fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
     let mut columns = obj.normal_columns();
     if let Some(line) = obj.not_finite {
         if !obj.triangles.is_empty() {

@@ -6,7 +6,7 @@
 
 /// Most triangles of a leaf. With 2, 4 and 8 closest points took the same time, within the noise, on 70 k and 1.3 M
 /// triangles; 8 builds fastest and has the fewest nodes.
-const LEAF: usize = 8;
+pub(crate) const LEAF: usize = 8;
 const BINS: usize = 16;
 /// Parts above this size are built in parallel.
 const PARALLEL: usize = 1 << 14;

@@ -1,12 +1,18 @@
 //! Everything that is nearly as near as the nearest: for sums over facets whose terms die away with distance.
 //!
-//! Comes in: facets, triangles with or without area (a point is a triangle of three equal corners). Goes out: for a place all facets that are at most so
+//! Comes in: facets, triangles with or without area, or points (triangles of three equal corners). Goes out: for a place all facets that are at most so
 //! much farther than the nearest one, and a few more.
+//!
+//! The facets of a leaf are looked at together ([`crate::packet`]), in as wide vectors as the machine has.
 //!
 //! Not guaranteed: an order; that nothing beyond the slack is visited.
 
-use crate::bvh::{Bvh, MAX_DEPTH, squared_distance_to_box};
-use crate::triangle::closest_on_triangle;
+use crate::bvh::{Bvh, MAX_DEPTH, Node, lesser, squared_distance_to_box};
+use crate::packet::{Feet, LANES, Packet, PointPacket, TrianglePacket};
+use pulp::{Simd, WithSimd};
+
+/// Places whose distances tie but for rounding are all visited.
+const TIE: f64 = 1e-12;
 
 /// A facet that is near a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,15 +30,40 @@ pub struct NearFacet {
 /// A tree of boxes over facets.
 #[derive(Debug, Clone)]
 pub struct FacetTree {
-    bvh: Bvh,
+    /// Leaves have the index of their packet for their first facet.
+    nodes: Vec<Node>,
+    packets: Packets,
+    simd: pulp::Arch,
+}
+
+#[derive(Debug, Clone)]
+enum Packets {
+    Triangles(Vec<TrianglePacket>),
+    Points(Vec<PointPacket>),
 }
 
 impl FacetTree {
     /// A tree over `count` facets, at least one, with finite corners. Cost O(n log n).
     #[must_use]
     pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
+        let are_points = (0..count).all(|t| {
+            let [a, b, c] = corners(t);
+            a == b && b == c
+        });
+        let Bvh {
+            mut nodes,
+            corners,
+            triangles,
+        } = Bvh::of(count, corners);
+        let packets = if are_points {
+            Packets::Points(in_packets(&mut nodes, &corners, &triangles))
+        } else {
+            Packets::Triangles(in_packets(&mut nodes, &corners, &triangles))
+        };
         Self {
-            bvh: Bvh::of(count, corners),
+            nodes,
+            packets,
+            simd: pulp::Arch::new(),
         }
     }
 
@@ -40,17 +71,65 @@ impl FacetTree {
     ///
     /// Nearer boxes are looked into first, so that little is visited before the nearest facet is known. Nothing is visited for a place that is
     /// not finite.
-    pub fn visit_near(&self, at: [f64; 3], slack: f64, mut visit: impl FnMut(&NearFacet)) {
+    #[inline]
+    pub fn visit_near(&self, at: [f64; 3], slack: f64, visit: impl FnMut(&NearFacet)) {
         if !at.iter().all(|x| x.is_finite()) {
             return;
         }
-        let Bvh {
+        let nodes = &self.nodes;
+        match &self.packets {
+            Packets::Triangles(packets) => self.simd.dispatch(Visit {
+                nodes,
+                packets,
+                at,
+                slack,
+                visit,
+            }),
+            Packets::Points(packets) => self.simd.dispatch(Visit {
+                nodes,
+                packets,
+                at,
+                slack,
+                visit,
+            }),
+        }
+    }
+}
+
+/// A packet for each leaf, whose index the leaf gets.
+fn in_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangles: &[u32]) -> Vec<P> {
+    let mut packets = Vec::new();
+    for leaf in nodes.iter_mut().filter(|node| node.count > 0) {
+        let own = leaf.first as usize..(leaf.first + leaf.count) as usize;
+        leaf.first = packets.len() as u32;
+        packets.push(P::of(&corners[own.clone()], &triangles[own]));
+    }
+    packets
+}
+
+struct Visit<'a, P, F> {
+    nodes: &'a [Node],
+    packets: &'a [P],
+    at: [f64; 3],
+    slack: f64,
+    visit: F,
+}
+
+impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self {
             nodes,
-            corners,
-            triangles,
-        } = &self.bvh;
+            packets,
+            at,
+            slack,
+            mut visit,
+        } = self;
         let mut nearest = f64::INFINITY;
         let mut limit = f64::INFINITY;
+        let mut feet = Feet::default();
         let mut stack = [(0_u32, 0.0_f64); MAX_DEPTH + 1];
         let mut height = 1;
         while height > 0 {
@@ -62,30 +141,38 @@ impl FacetTree {
             loop {
                 let node = &nodes[here as usize];
                 if node.count > 0 {
-                    for slot in node.first as usize..(node.first + node.count) as usize {
-                        let Some(foot) = closest_on_triangle(at, &corners[slot], limit) else {
-                            continue;
-                        };
-                        if foot.squared_distance > limit {
-                            continue;
+                    let packet = &packets[node.first as usize];
+                    packet.feet(simd, at, &mut feet);
+                    let mut least = feet.squared_distance[0];
+                    for lane in 1..LANES {
+                        least = lesser(feet.squared_distance[lane], least);
+                    }
+                    if least > limit {
+                        break;
+                    }
+                    if least < nearest * nearest {
+                        nearest = least.sqrt();
+                        limit = (nearest + slack) * (nearest + slack) * (1.0 + TIE);
+                    }
+                    for lane in 0..(node.count as usize).min(LANES) {
+                        if feet.squared_distance[lane] <= limit {
+                            visit(&NearFacet {
+                                facet: packet.facet(lane),
+                                distance: feet.squared_distance[lane].sqrt(),
+                                point: [feet.point[0][lane], feet.point[1][lane], feet.point[2][lane]],
+                                barycentric: [
+                                    feet.barycentric[0][lane],
+                                    feet.barycentric[1][lane],
+                                    feet.barycentric[2][lane],
+                                ],
+                            });
                         }
-                        let distance = foot.squared_distance.sqrt();
-                        if distance < nearest {
-                            nearest = distance;
-                            limit = (nearest + slack) * (nearest + slack);
-                        }
-                        visit(&NearFacet {
-                            facet: triangles[slot],
-                            distance,
-                            point: foot.point,
-                            barycentric: foot.barycentric,
-                        });
                     }
                     break;
                 }
                 let [left, right] = [node.first, node.first + 1];
-                let [to_left, to_right] =
-                    [left, right].map(|child| squared_distance_to_box(at, &nodes[child as usize]));
+                let to_left = squared_distance_to_box(at, &nodes[left as usize]);
+                let to_right = squared_distance_to_box(at, &nodes[right as usize]);
                 let (near, to_near, far, to_far) = if to_left <= to_right {
                     (left, to_left, right, to_right)
                 } else {
@@ -108,6 +195,7 @@ impl FacetTree {
 mod tests {
     use super::*;
     use crate::icosphere;
+    use crate::triangle::closest_on_triangle;
 
     /// Everything within the slack is visited once, with its distance; points as well as triangles.
     #[test]

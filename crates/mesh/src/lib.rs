@@ -2,7 +2,7 @@
 //!
 //! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold or not.
 //! Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface ([`sample_points`]), what
-//! kind of mesh it is ([`MeshCheck`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
+//! kind of mesh it is ([`MeshCheck`]), whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
 //! sees of it ([`DepthBuffer`]).
 //!
 //! Not guaranteed: nothing here repairs a mesh, and nothing looks for self-intersections. The sign of a distance is
@@ -27,8 +27,10 @@ mod check;
 mod deviation;
 mod edges;
 mod facet_tree;
+mod isosurface;
 mod merge;
 mod mesh;
+mod packet;
 mod primitives;
 mod ray;
 mod sampling;
@@ -36,10 +38,12 @@ mod search;
 mod subdivision;
 mod triangle;
 mod visibility;
+mod winding;
 
 pub use check::MeshCheck;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
+pub use isosurface::isosurface;
 pub use merge::{
     CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused, taper,
     zipped,
@@ -51,3 +55,4 @@ pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
 pub use triangle::{Feature, triangle_shape};
 pub use visibility::{DepthBuffer, Projected, Seen};
+pub use winding::WindingNumbers;

@@ -2,3 +2,5 @@
 
 pub mod fit;
 mod overlap;
+pub mod pose;
+pub mod surface;

@@ -16,6 +16,7 @@
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
 //! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | views | the scene `views`: the outlines of a prism in three views, ranged so |
+//! | shell | the scene `shell`: a mesh deformed by known controls, points, masks |
 //! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
@@ -40,6 +41,7 @@ mod readings;
 mod render;
 mod scans;
 mod second_order;
+mod shell;
 mod sphere;
 mod truth;
 mod turning;
@@ -61,6 +63,7 @@ pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
     write_scan_scene, write_scans_scene,
 };
+pub use shell::{ShellSceneOptions, ShellSceneSummary, write_shell_scene};
 pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, sphere_forming, write_sphere};
 pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use turning::{TurningOptions, turning, write_turning_scene};

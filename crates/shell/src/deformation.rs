@@ -10,10 +10,12 @@
 mod dirichlet;
 mod lattice;
 mod modes;
+mod rigid;
 
 pub use dirichlet::Dirichlet;
 pub use lattice::{Lattice, LatticeBasis};
 pub use modes::{Modes, VertexDisplacements};
+pub use rigid::{PartMotion, RigidPart, RigidParts};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;

@@ -73,12 +73,11 @@ impl ShellOptions {
     }
 }
 
-/// A facet: its plane, and its skeleton where that is a point.
+/// A facet's plane.
 #[derive(Debug, Clone, Copy)]
 struct Facet {
     normal: [f64; 3],
     area: f64,
-    skeleton: Option<Skeleton>,
 }
 
 /// A mesh wrapped in metaballs.
@@ -99,6 +98,8 @@ pub struct Shell<'a> {
     tree: FacetTree,
     options: ShellOptions,
     facets: Vec<Facet>,
+    /// The skeletons of spherical metaballs; empty for triangular ones, whose skeletons are the facets.
+    skeletons: Vec<Skeleton>,
     /// How much farther than the nearest a facet is that still counts.
     slack: f64,
     /// The same for the paper's field, whose spheres have radii of their own.
@@ -124,6 +125,29 @@ pub struct Share {
     near: NearFacet,
     /// `p_i`, of all that are near.
     share: f64,
+}
+
+/// What a distance and its gradient are made of, each weighed by shares `p_i`.
+#[derive(Default)]
+struct Sums {
+    share: f64,
+    height: f64,
+    normal: Vector3<f64>,
+    away: Vector3<f64>,
+    away_by_height: Vector3<f64>,
+}
+
+impl Sums {
+    #[inline]
+    fn add(&mut self, at: [f64; 3], one: &Share, (height, normal): (f64, Vector3<f64>)) {
+        let p = one.share;
+        let away = p * away(at, &one.near);
+        self.share += p;
+        self.height += p * height;
+        self.normal += p * normal;
+        self.away += away;
+        self.away_by_height += height * away;
+    }
 }
 
 impl<'a> Shell<'a> {
@@ -166,17 +190,20 @@ impl<'a> Shell<'a> {
                 Facet {
                     normal: if twice > 0.0 { scale(1.0 / twice, m) } else { [0.0; 3] },
                     area: 0.5 * twice,
-                    skeleton: (options.metaball == Metaball::Spherical).then(|| skeleton(&corners)),
                 }
             })
             .collect();
+        let skeletons: Vec<Skeleton> = match options.metaball {
+            Metaball::Triangular => Vec::new(),
+            Metaball::Spherical => (0..count).into_par_iter().map(|t| skeleton(&mesh.corners(t))).collect(),
+        };
         let total: f64 = facets.iter().map(|facet| facet.area).sum();
         if total.is_nan() || total <= 0.0 {
             return Err(Error::undetermined(
                 "a shell needs facets with an area, and the mesh has none",
             ));
         }
-        let tree = FacetTree::new(count, |t| match &facets[t].skeleton {
+        let tree = FacetTree::new(count, |t| match skeletons.get(t) {
             None => mesh.corners(t),
             Some(skeleton) => [skeleton.center; 3],
         });
@@ -186,7 +213,7 @@ impl<'a> Shell<'a> {
             Metaball::Triangular => count as f64,
             Metaball::Spherical => total / smallest,
         };
-        let (least, most) = (facets.iter().filter_map(|f| f.skeleton.map(|s| s.radius)))
+        let (least, most) = (skeletons.iter().map(|s| s.radius))
             .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
         let reach = |others: f64| options.reach.unwrap_or_else(|| (others / USUAL_ERROR).ln());
         Ok(Self {
@@ -196,6 +223,7 @@ impl<'a> Shell<'a> {
             slack: reach(others) / options.sharpness,
             paper_slack: reach(count as f64) / options.sharpness + (most - least).max(0.0),
             facets,
+            skeletons,
         })
     }
 
@@ -205,32 +233,111 @@ impl<'a> Shell<'a> {
         let k = self.options.sharpness;
         let mut sum = 0.0;
         self.tree.visit_near(at, self.paper_slack, |near| {
-            let skeleton = &self.facets[near.facet as usize].skeleton;
-            let radius = skeleton.as_ref().map_or(self.options.thickness, |s| s.radius);
+            let radius = (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
             sum += (-k * (near.distance - radius)).exp();
         });
         self.options.threshold - sum
+    }
+
+    /// How far a place is from the shell by its field, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside, zero where [`Self::field`] is, and no steeper than one. Exponents are taken from the largest: neither end overflows.
+    #[must_use]
+    pub fn level(&self, at: [f64; 3]) -> f64 {
+        let k = self.options.sharpness;
+        let (mut largest, mut sum) = (f64::NEG_INFINITY, 0.0);
+        self.tree.visit_near(at, self.paper_slack, |near| {
+            let radius = (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
+            let exponent = -k * (near.distance - radius);
+            if exponent > largest {
+                sum = sum * (largest - exponent).exp() + 1.0;
+                largest = exponent;
+            } else {
+                sum += (exponent - largest).exp();
+            }
+        });
+        (self.options.threshold.ln() - largest - sum.ln()) / k
+    }
+
+    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighed as in [`Self::distance`]. Between that of the nearest and `reach/k` more.
+    #[must_use]
+    pub fn unsigned_distance(&self, at: [f64; 3]) -> f64 {
+        let k = self.options.sharpness;
+        let (mut nearest, mut sum, mut heights) = (f64::INFINITY, 0.0, 0.0);
+        self.tree.visit_near(at, self.slack, |near| {
+            let weight = self.weight(near.facet);
+            if near.distance < nearest {
+                let fading = (-k * (nearest - near.distance)).exp();
+                (sum, heights) = (sum * fading, heights * fading);
+                nearest = near.distance;
+            }
+            let share = weight * (-k * (near.distance - nearest)).exp();
+            sum += share;
+            heights += share * near.distance;
+        });
+        if sum > 0.0 { heights / sum } else { nearest }
+    }
+
+    /// The distance of the nearest skeleton.
+    pub(crate) fn nearest(&self, at: [f64; 3]) -> f64 {
+        let mut nearest = f64::INFINITY;
+        (self.tree).visit_near(at, 0.0, |near| nearest = nearest.min(near.distance));
+        nearest
+    }
+
+    /// From where on a skeleton is too near, or too far, for the shell to pass: the sum is at least its largest term and at most as many times as there are facets.
+    pub(crate) fn band(&self) -> [f64; 2] {
+        let k = self.options.sharpness;
+        let radii = || self.skeletons.iter().map(|s| s.radius);
+        let [least, most] = if self.skeletons.is_empty() {
+            [self.options.thickness; 2]
+        } else {
+            [radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max)]
+        };
+        let inner = -self.options.threshold.ln() / k;
+        [least + inner, most + inner + (self.facets.len() as f64).ln() / k]
+    }
+
+    /// The largest radius of a spherical metaball; zero for triangular ones.
+    pub(crate) fn largest_radius(&self) -> f64 {
+        self.skeletons.iter().map(|s| s.radius).fold(0.0, f64::max)
+    }
+
+    /// The largest amount by which [`Self::unsigned_distance`] exceeds the nearest.
+    pub(crate) fn slack(&self) -> f64 {
+        self.slack
+    }
+
+    /// The mesh that is wrapped.
+    #[must_use]
+    pub fn mesh(&self) -> &TriangleMesh {
+        self.mesh
     }
 
     /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`]. `None` where the place is not finite.
     pub fn distance(&self, at: [f64; 3], shares: &mut Vec<Share>) -> Option<ShellDistance> {
         let k = self.options.sharpness;
         shares.clear();
+        let mut nearest: Option<NearFacet> = None;
         self.tree.visit_near(at, self.slack, |near| {
+            let nearer = |best: &NearFacet| (near.distance, near.facet) < (best.distance, best.facet);
+            if nearest.as_ref().is_none_or(nearer) {
+                nearest = Some(*near);
+            }
             shares.push(Share {
                 near: *near,
                 share: 0.0,
             });
         });
-        let nearest = *(shares.iter().map(|s| &s.near))
-            .min_by(|a, b| (a.distance.total_cmp(&b.distance)).then(a.facet.cmp(&b.facet)))?;
-        let mut sum = 0.0;
+        let nearest = nearest?;
+        // Visited before the nearest was known.
+        shares.retain(|one| one.near.distance <= nearest.distance + self.slack);
+        let facing = Vector3::from(self.facets[nearest.facet as usize].normal);
+        let mut sums = Sums::default();
         for one in shares.iter_mut() {
             one.share = (-k * (one.near.distance - nearest.distance)).exp() * self.weight(one.near.facet);
-            sum += one.share;
+            sums.add(at, one, self.height(at, &one.near, facing));
         }
-        if sum > 0.0 {
-            shares.iter_mut().for_each(|one| one.share /= sum);
+        if sums.share > 0.0 {
+            shares.iter_mut().for_each(|one| one.share /= sums.share);
         } else {
             // Facets without area only: the nearest stands for them.
             let alone = Share {
@@ -239,21 +346,14 @@ impl<'a> Shell<'a> {
             };
             shares.clear();
             shares.push(alone);
+            sums = Sums::default();
+            sums.add(at, &alone, self.height(at, &nearest, facing));
         }
-        let facing = self.facets[nearest.facet as usize].normal.into();
-        let mean: f64 = shares
-            .iter()
-            .map(|one| one.share * self.height(at, &one.near, facing).0)
-            .sum();
-        let gradient: Vector3<f64> = (shares.iter())
-            .map(|one| {
-                let (height, normal) = self.height(at, &one.near, facing);
-                one.share * (normal - k * (height - mean) * away(at, &one.near))
-            })
-            .sum();
+        let mean = sums.height / sums.share;
+        let gradient = sums.normal - k * (sums.away_by_height - mean * sums.away);
         Some(ShellDistance {
             distance: mean,
-            gradient: gradient.into(),
+            gradient: (gradient / sums.share).into(),
             facet: nearest.facet,
             nearest: nearest.distance,
         })
@@ -320,9 +420,9 @@ impl<'a> Shell<'a> {
             let off = Vector3::from(sub(at, one.near.point));
             // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to turn.
             let by_m = if twice > 0.0 {
-                let growing = match facet.skeleton {
-                    Some(_) => above,
-                    None => 0.0,
+                let growing = match self.options.metaball {
+                    Metaball::Spherical => above,
+                    Metaball::Triangular => 0.0,
                 };
                 (one.share / twice) * (own.dot(&normal) * (off - off.dot(&own) * own) + growing * own)
             } else {
@@ -332,7 +432,7 @@ impl<'a> Shell<'a> {
             for corner in 0..3 {
                 // m changes by dV × (the side opposite, turned back).
                 let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
-                let by_corner = match &facet.skeleton {
+                let by_corner = match self.skeletons.get(one.near.facet as usize) {
                     // Which point of the facet is nearest changes as well, but within its plane, and by a step at a right angle to the way.
                     None => one.near.barycentric[corner] * by_skeleton,
                     Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
@@ -343,11 +443,11 @@ impl<'a> Shell<'a> {
     }
 
     fn weight(&self, facet: u32) -> f64 {
-        let Facet { area, skeleton, .. } = &self.facets[facet as usize];
-        match skeleton {
-            Some(_) => *area,
+        let area = self.facets[facet as usize].area;
+        match self.options.metaball {
+            Metaball::Spherical => area,
             // A facet without area has no plane.
-            None => f64::from(u8::from(*area > 0.0)),
+            Metaball::Triangular => f64::from(u8::from(area > 0.0)),
         }
     }
 

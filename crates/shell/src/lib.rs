@@ -11,12 +11,16 @@ mod deformation;
 mod delaunay;
 mod field;
 mod fit;
+mod isosurface;
 mod natural_neighbour;
 mod skeleton;
 
 pub use camera::Camera;
 pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
-pub use deformation::{Deformation, Dirichlet, Lattice, LatticeBasis, Modes, VertexDisplacements, displacements};
+pub use deformation::{
+    Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, VertexDisplacements,
+    displacements,
+};
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use fit::{
@@ -24,4 +28,5 @@ pub use fit::{
     ShellFitOptions, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points, fit_shell,
     of_three_coordinates,
 };
+pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -1,0 +1,87 @@
+"""Shells beside peers: natural-neighbour weights (natinterp3d) and distances to a mesh (Open3D's RaycastingScene).
+
+    pip install natinterp3d open3d numpy
+    python3 benches/peers/shells.py
+
+The same tasks as `cargo bench -p planish-shell --bench shell`, which it runs first: 50 000 places under 200 controls, and 200 000 places near a ball of 20 480 facets. Peers that are not there are left out.
+Open3D gives a distance without a sign and no gradient; natinterp3d has no corners to stand in for a hull, so that places outside of the hull of its controls are counted apart.
+"""
+
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+
+THREADS = os.cpu_count()
+
+
+def clocked(what, work):
+    wall, used = time.perf_counter(), time.process_time()
+    result = work()
+    wall, used = time.perf_counter() - wall, time.process_time() - used
+    print(f"{what}: {wall:.3f} s, {used:.3f} s of processor time; load {os.getloadavg()[0]:.1f}")
+    return result
+
+
+def icosphere(levels):
+    t = (1 + 5**0.5) / 2
+    points = [(-1, t, 0), (1, t, 0), (-1, -t, 0), (1, -t, 0), (0, -1, t), (0, 1, t), (0, -1, -t), (0, 1, -t), (t, 0, -1), (t, 0, 1), (-t, 0, -1), (-t, 0, 1)]
+    points = [np.array(p) / np.linalg.norm(p) for p in points]
+    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6), (7, 1, 8),
+             (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]  # fmt: skip
+    for _ in range(levels):
+        middles, finer = {}, []
+
+        def middle(a, b):
+            key = (min(a, b), max(a, b))
+            if key not in middles:
+                p = points[a] + points[b]
+                points.append(p / np.linalg.norm(p))
+                middles[key] = len(points) - 1
+            return middles[key]
+
+        for a, b, c in faces:
+            d, e, f = middle(a, b), middle(b, c), middle(c, a)
+            finer += [(a, d, f), (d, b, e), (f, e, c), (d, e, f)]
+        faces = finer
+    return np.array(points), np.array(faces, dtype=np.uint32)
+
+
+def weights():
+    try:
+        import natinterp3d
+    except ImportError:
+        print("natinterp3d is not there")
+        return
+    random = np.random.default_rng(1)
+    controls, places = random.uniform(-1, 1, (200, 3)), random.uniform(-1, 1, (50_000, 3))
+    found = clocked("natinterp3d: weights of 50 000 places under 200 controls", lambda: natinterp3d.get_weights(places, controls, parallel=True))
+    off = np.linalg.norm(np.asarray(found @ controls) - places, axis=1)
+    print(f"  weighted mean of controls off by more than 1e-6: {np.mean(off > 1e-6):.1%} of places (outside of the hull), median of these {np.median(off[off > 1e-6]):.2g}")
+
+
+def distances():
+    try:
+        import open3d
+    except ImportError:
+        print("open3d is not there")
+        return
+    points, faces = icosphere(5)
+    scene = open3d.t.geometry.RaycastingScene(THREADS)
+    scene.add_triangles(open3d.core.Tensor(points.astype(np.float32)), open3d.core.Tensor(faces))
+    random = np.random.default_rng(1)
+    places = random.uniform(-1, 1, (200_000, 3))
+    places *= (random.uniform(0.99, 1.01, 200_000) / np.linalg.norm(places, axis=1))[:, None]
+    query = open3d.core.Tensor(places.astype(np.float32))
+    clocked(f"Open3D: distances of 200 000 places from {len(faces)} facets", lambda: scene.compute_distance(query).numpy())
+    clocked("Open3D: the same with a sign", lambda: scene.compute_signed_distance(query).numpy())
+
+
+if __name__ == "__main__":
+    root = Path(__file__).resolve().parents[2]
+    print(f"{THREADS} processors, load {os.getloadavg()[0]:.1f}")
+    subprocess.run(["cargo", "bench", "-q", "-p", "planish-shell", "--bench", "shell"], cwd=root, check=True)
+    weights()
+    distances()

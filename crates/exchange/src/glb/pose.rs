@@ -1,0 +1,330 @@
+//! A mesh with a texture that can be posed, as one GLB file.
+//!
+//! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and, where there are keyframes, an animation of their weights. The picture is in the file.
+//!
+//! Not guaranteed: that two poses at once look like anything: targets add up.
+
+use super::write::{ATTRIBUTES, Head, INDICES, Sections};
+use super::{FLOAT, INTEGER, TRIANGLES};
+use crate::Unit;
+use crate::atomic::write_packed;
+use planish_estimate::vector3::sub;
+use planish_estimate::{Error, Result};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// A pose of a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MorphTarget {
+    /// Its name.
+    pub name: String,
+    /// Positions in this pose.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals in this pose.
+    pub normals: Vec<[f64; 3]>,
+}
+
+/// Weights of all targets at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Keyframe {
+    /// When, in seconds.
+    pub seconds: f64,
+    /// One weight for each target.
+    pub weights: Vec<f64>,
+}
+
+/// A mesh that can be posed.
+#[derive(Debug, Clone, Default)]
+pub struct PosedMesh<'a> {
+    /// Positions at rest.
+    pub points: &'a [[f64; 3]],
+    /// Unit normals at rest.
+    pub normals: &'a [[f64; 3]],
+    /// Corners of triangles.
+    pub triangles: &'a [[u32; 3]],
+    /// Texture coordinates from the lower left, one for each point; empty where there are none.
+    pub uv: &'a [[f64; 2]],
+    /// Colours of the points, linear, from 0 to 1; empty where there are none.
+    pub colours: &'a [[f64; 3]],
+    /// A picture (PNG or JPEG) for the texture coordinates.
+    pub picture: Option<&'a [u8]>,
+    /// Poses.
+    pub targets: &'a [MorphTarget],
+    /// Keyframes in the order of their times; nothing moves by itself where there are none.
+    pub keyframes: &'a [Keyframe],
+    /// Unit of length; metres where none is named.
+    pub unit: Option<Unit>,
+}
+
+/// Writes a mesh that can be posed.
+///
+/// # Errors
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, keyframes that do not follow each other or have another number of weights than there are targets, and a picture that is neither PNG nor JPEG;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+pub fn write_posed(path: &Path, mesh: &PosedMesh<'_>) -> Result<()> {
+    let (head, bytes) = check(mesh)
+        .and_then(|kind| pack(mesh, kind))
+        .map_err(|e| e.in_context(path.display()))?;
+    write_packed(path, |mut writer| {
+        head.write_to(&mut writer)?;
+        writer.write_all(&bytes)
+    })
+}
+
+/// Whether everything fits together; the kind of the picture.
+fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
+    let n = mesh.points.len();
+    let optional = |length: usize| length == 0 || length == n;
+    let equal = mesh.normals.len() == n && optional(mesh.uv.len()) && optional(mesh.colours.len());
+    let poses = (mesh.targets.iter()).all(|t| t.points.len() == n && t.normals.len() == n);
+    if n == 0 || mesh.triangles.is_empty() || !equal || !poses {
+        return Err(Error::input(
+            "needed triangles, and as many normals, texture coordinates and places of each pose as points",
+        ));
+    }
+    if mesh.triangles.iter().flatten().any(|&corner| corner as usize >= n) {
+        return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
+    }
+    let mut last = f64::NEG_INFINITY;
+    for (k, frame) in mesh.keyframes.iter().enumerate() {
+        let later = frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > last;
+        let weights = frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
+        if !(later && weights) {
+            return Err(Error::input(format!(
+                "keyframe {}: needed a time after {last} s and {} weights, found {} s and {}",
+                k + 1,
+                mesh.targets.len(),
+                frame.seconds,
+                frame.weights.len()
+            )));
+        }
+        last = frame.seconds;
+    }
+    match mesh.picture {
+        None => Ok(None),
+        Some([0x89, b'P', b'N', b'G', ..]) => Ok(Some("image/png")),
+        Some([0xff, 0xd8, ..]) => Ok(Some("image/jpeg")),
+        Some(_) => Err(Error::input("a texture in GLB is PNG or JPEG: convert the picture")),
+    }
+}
+
+/// The binary chunk while it grows.
+#[derive(Default)]
+struct Chunk {
+    sections: Sections,
+    bytes: Vec<u8>,
+}
+
+impl Chunk {
+    fn floats<const N: usize>(&mut self, values: &[[f32; N]], target: Option<u64>, more: Value) -> usize {
+        let kind = ["SCALAR", "VEC2", "VEC3"][N - 1];
+        self.bytes
+            .extend(values.iter().flatten().flat_map(|value| value.to_le_bytes()));
+        self.sections.add(values.len(), 4 * N as u64, target, FLOAT, kind, more)
+    }
+
+    /// A picture: a section without an accessor.
+    fn picture(&mut self, bytes: &[u8]) -> usize {
+        self.sections
+            .views
+            .push(json!({"buffer": 0, "byteOffset": self.sections.length, "byteLength": bytes.len()}));
+        self.bytes.extend_from_slice(bytes);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.sections.length = self.bytes.len() as u64;
+        self.sections.views.len() - 1
+    }
+}
+
+fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
+    let pick = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+        (0..N)
+            .map(|k| values.iter().map(|v| v[k]).reduce(pick).unwrap_or_default())
+            .collect()
+    };
+    json!({"min": pick(f32::min), "max": pick(f32::max)})
+}
+
+fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
+    let single = |p: &[f64; 3]| p.map(|x| x as f32);
+    let low = mesh
+        .points
+        .iter()
+        .fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
+    let high = mesh
+        .points
+        .iter()
+        .fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
+    let center: [f64; 3] = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
+    let mut chunk = Chunk::default();
+    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&sub(*p, center))).collect();
+    let normals: Vec<[f32; 3]> = mesh.normals.iter().map(single).collect();
+    let mut attributes = serde_json::Map::new();
+    let at = chunk.floats(&points, Some(ATTRIBUTES), extremes(&points));
+    attributes.insert("POSITION".to_owned(), json!(at));
+    let at = chunk.floats(&normals, Some(ATTRIBUTES), json!({}));
+    attributes.insert("NORMAL".to_owned(), json!(at));
+    if !mesh.uv.is_empty() {
+        // glTF counts from the upper left.
+        let uv: Vec<[f32; 2]> = mesh.uv.iter().map(|[u, v]| [*u as f32, (1.0 - v) as f32]).collect();
+        let at = chunk.floats(&uv, Some(ATTRIBUTES), json!({}));
+        attributes.insert("TEXCOORD_0".to_owned(), json!(at));
+    }
+    if !mesh.colours.is_empty() {
+        let colours: Vec<[f32; 3]> = mesh.colours.iter().map(single).collect();
+        let at = chunk.floats(&colours, Some(ATTRIBUTES), json!({}));
+        attributes.insert("COLOR_0".to_owned(), json!(at));
+    }
+    let mut targets = Vec::new();
+    for target in mesh.targets {
+        let difference = |to: &[[f64; 3]], from: &[[f64; 3]]| -> Vec<[f32; 3]> {
+            to.iter().zip(from).map(|(to, from)| single(&sub(*to, *from))).collect()
+        };
+        let moved = difference(&target.points, mesh.points);
+        let turned = difference(&target.normals, mesh.normals);
+        let position = chunk.floats(&moved, Some(ATTRIBUTES), extremes(&moved));
+        let normal = chunk.floats(&turned, Some(ATTRIBUTES), json!({}));
+        targets.push(json!({"POSITION": position, "NORMAL": normal}));
+    }
+    chunk
+        .bytes
+        .extend(mesh.triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
+    let indices = (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
+    let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
+    let names: Vec<&str> = mesh.targets.iter().map(|target| target.name.as_str()).collect();
+    let mut primitive = json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
+    let mut shape = json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
+    if !targets.is_empty() {
+        primitive["targets"] = json!(targets);
+        shape["weights"] = json!(vec![0.0; targets.len()]);
+    }
+    shape["primitives"] = json!([primitive]);
+    let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": 0.7});
+    let mut document = json!({
+        "asset": {"version": "2.0", "generator": "Planish"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": center.map(|c| c * scale), "scale": [scale, scale, scale]}],
+        "meshes": [shape],
+    });
+    if let Some((bytes, kind)) = mesh.picture.zip(picture_kind) {
+        let view = chunk.picture(bytes);
+        document["images"] = json!([{"bufferView": view, "mimeType": kind}]);
+        document["samplers"] = json!([{"magFilter": 9729, "minFilter": 9987}]);
+        document["textures"] = json!([{"source": 0, "sampler": 0}]);
+        surface["baseColorTexture"] = json!({"index": 0});
+    }
+    document["materials"] = json!([{"pbrMetallicRoughness": surface, "doubleSided": true}]);
+    if !mesh.keyframes.is_empty() {
+        let times: Vec<[f32; 1]> = mesh.keyframes.iter().map(|frame| [frame.seconds as f32]).collect();
+        let weights: Vec<[f32; 1]> = (mesh.keyframes.iter())
+            .flat_map(|frame| frame.weights.iter().map(|w| [*w as f32]))
+            .collect();
+        let input = chunk.floats(&times, None, extremes(&times));
+        let output = chunk.floats(&weights, None, json!({}));
+        document["animations"] = json!([{
+            "name": "poses",
+            "samplers": [{"input": input, "output": output, "interpolation": "LINEAR"}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+        }]);
+    }
+    document["accessors"] = json!(chunk.sections.accessors);
+    document["bufferViews"] = json!(chunk.sections.views);
+    document["buffers"] = json!([{"byteLength": chunk.sections.length}]);
+    let head = Head::of(&document, chunk.sections.length)
+        .map_err(|total| Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes")))?;
+    Ok((head, chunk.bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: [[f64; 3]; 3] = [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0]];
+    const NORMALS: [[f64; 3]; 3] = [[0.0, 0.0, 1.0]; 3];
+
+    fn posed(
+        picture: Option<&'static [u8]>,
+        weights: usize,
+    ) -> (Result<()>, Vec<u8>, Result<crate::mesh::PolygonMesh>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let targets = [MorphTarget {
+            name: "up".to_owned(),
+            points: POINTS.map(|p| [p[0], p[1], p[2] + 2.0]).to_vec(),
+            normals: NORMALS.to_vec(),
+        }];
+        let keyframes = [0.0, 1.5].map(|seconds| Keyframe {
+            seconds,
+            weights: vec![seconds; weights],
+        });
+        let made = write_posed(
+            &path,
+            &PosedMesh {
+                points: &POINTS,
+                normals: &NORMALS,
+                triangles: &[[0, 1, 2]],
+                uv: &[[0.0, 0.0], [1.0, 0.0], [0.0, 0.25]],
+                picture,
+                targets: &targets,
+                keyframes: &keyframes,
+                unit: Some(Unit::Millimetre),
+                ..PosedMesh::default()
+            },
+        );
+        (
+            made,
+            std::fs::read(&path).unwrap_or_default(),
+            super::super::read_mesh(&path),
+        )
+    }
+
+    /// The mesh at rest is read back; sections are where the document says, with the picture among them.
+    #[test]
+    fn poses_and_pictures_stand_where_the_document_says() {
+        let picture = b"\x89PNG picture".as_slice();
+        let (made, bytes, read) = posed(Some(picture), 1);
+        made.unwrap();
+        let read = read.unwrap();
+        // GLB is in metres.
+        assert_eq!(read.triangles, [[0, 1, 2]]);
+        assert!(
+            (read.points[1][0] - read.points[0][0] - 1e-3).abs() < 1e-9
+                || (read.points[1][0] - read.points[0][0] - 1.0).abs() < 1e-6
+        );
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        let binary = &bytes[28 + length..];
+        let section = |view: &Value| {
+            let view = &document["bufferViews"][view.as_u64().unwrap() as usize];
+            let [start, count] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
+            &binary[start..start + count]
+        };
+        assert_eq!(section(&document["images"][0]["bufferView"]), picture);
+        let accessor = |number: &Value| &document["accessors"][number.as_u64().unwrap() as usize];
+        let target = &document["meshes"][0]["primitives"][0]["targets"][0]["POSITION"];
+        let moved = section(&accessor(target)["bufferView"]);
+        assert_eq!(f32::from_le_bytes(moved[8..12].try_into().unwrap()), 2.0);
+        let uv = section(&accessor(&document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"])["bufferView"]);
+        assert_eq!(f32::from_le_bytes(uv[20..24].try_into().unwrap()), 0.75);
+        let times = accessor(&document["animations"][0]["samplers"][0]["input"]);
+        assert_eq!((&times["min"][0], &times["max"][0]), (&json!(0.0), &json!(1.5)));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        assert!(
+            posed(Some(b"GIF89a"), 1)
+                .0
+                .unwrap_err()
+                .to_string()
+                .contains("PNG or JPEG")
+        );
+        assert!(
+            posed(None, 2)
+                .0
+                .unwrap_err()
+                .to_string()
+                .contains("keyframe 1: needed a time")
+        );
+    }
+}

@@ -1,0 +1,159 @@
+//! Texture coordinates, parts and materials of OBJ files.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use planish_estimate::{Error, Result};
+
+use super::{Farthest, Obj, mesh_of};
+use crate::source::{next_word, parse_number, read_file, shown};
+use crate::textured::{MeshPart, NO_UV, PartKind, TexturedMesh, read_materials};
+
+/// What is read beside positions, normals and faces.
+#[derive(Default)]
+pub(super) struct Looks {
+    pub uv: Vec<[f64; 2]>,
+    /// Texture coordinates of the face at hand.
+    face: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    farthest: Farthest,
+    /// Parts in the order in which they came, by kind and name.
+    parts: Vec<MeshPart>,
+    index: BTreeMap<(u8, String), usize>,
+    /// Parts that faces belong to now: of objects, groups and materials.
+    current: [Vec<usize>; 3],
+    libraries: Vec<String>,
+}
+
+impl Looks {
+    pub fn line(&mut self, keyword: &[u8], mut rest: &[u8], line: u64) -> Result<()> {
+        let text = || String::from_utf8_lossy(rest.trim_ascii()).into_owned();
+        match keyword {
+            b"vt" => {
+                let mut uv = [0.0; 2];
+                for (found, x) in uv.iter_mut().enumerate() {
+                    let word = next_word(&mut rest)
+                        .ok_or_else(|| Error::input(format!("line {line}: needed 2 numbers, found {found}")))?;
+                    *x = parse_number(word).filter(|x| x.is_finite()).ok_or_else(|| {
+                        Error::input(format!("line {line}: needed a finite number, found {}", shown(word)))
+                    })?;
+                }
+                self.uv.push(uv);
+            }
+            b"o" => self.begin(PartKind::Object, vec![text()]),
+            b"usemtl" => self.begin(PartKind::Material, vec![text()]),
+            b"g" => {
+                let names = text().split_ascii_whitespace().map(str::to_owned).collect();
+                self.begin(PartKind::Group, names);
+            }
+            b"mtllib" => self.libraries.push(text()),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn begin(&mut self, kind: PartKind, names: Vec<String>) {
+        let own = kind as usize;
+        self.current[own].clear();
+        for name in names {
+            let parts = &mut self.parts;
+            let at = *self.index.entry((own as u8, name.clone())).or_insert_with(|| {
+                parts.push(MeshPart {
+                    kind,
+                    name,
+                    triangles: Vec::new(),
+                });
+                parts.len() - 1
+            });
+            self.current[own].push(at);
+        }
+    }
+
+    /// The corner of a face after so many others.
+    pub fn corner(&mut self, before: usize, uv: Option<u32>, line: u64) {
+        if before == 0 {
+            self.face.clear();
+        }
+        if let Some(uv) = uv {
+            self.farthest.see(uv, line);
+        }
+        self.face.push(uv.unwrap_or(NO_UV));
+    }
+
+    /// A face has become the last triangles of so many.
+    pub fn finish_face(&mut self, triangles: usize) {
+        let first = self.triangles.len() as u32;
+        if let [corner, rest @ ..] = &self.face[..] {
+            self.triangles
+                .extend(rest.windows(2).map(|pair| [*corner, pair[0], pair[1]]));
+        }
+        for part in self.current.iter().flatten() {
+            self.parts[*part].triangles.extend(first..triangles as u32);
+        }
+    }
+}
+
+/// Reads a mesh with texture coordinates, parts, and the picture of the material that most triangles have.
+pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
+    let (mesh, looks) = read_file(path, |mut source, _| {
+        let mut obj = Obj::read(&mut source, Some(Looks::default()))?;
+        let looks = obj.looks.take().unwrap_or_default();
+        looks.farthest.check(looks.uv.len(), "texture coordinate")?;
+        Ok((mesh_of(obj)?, looks))
+    })?;
+    let mut made = TexturedMesh {
+        points: mesh.points,
+        triangles: mesh.triangles,
+        uv_triangles: if looks.uv.is_empty() {
+            Vec::new()
+        } else {
+            looks.triangles
+        },
+        uv: looks.uv,
+        parts: looks
+            .parts
+            .into_iter()
+            .filter(|part| !part.triangles.is_empty())
+            .collect(),
+        unit: mesh.unit,
+        ..TexturedMesh::default()
+    };
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut pictures: BTreeMap<String, PathBuf> = BTreeMap::new();
+    for line in &looks.libraries {
+        // A name may have blanks, or be several.
+        let whole = folder.join(line);
+        let names: Vec<PathBuf> = match whole.is_file() {
+            true => vec![whole],
+            false => line.split_ascii_whitespace().map(|name| folder.join(name)).collect(),
+        };
+        for name in names {
+            if name.is_file() {
+                pictures.extend(read_materials(&name)?);
+                made.files.push(name);
+            } else {
+                made.warnings.push(format!(
+                    "{}: names materials in {}, which is not there",
+                    path.display(),
+                    name.display()
+                ));
+            }
+        }
+    }
+    let textured = || {
+        (made.parts.iter())
+            .filter(|part| part.kind == PartKind::Material)
+            .filter_map(|part| pictures.get(&part.name).map(|picture| (part.triangles.len(), picture)))
+    };
+    made.texture = textured()
+        .max_by_key(|(count, _)| *count)
+        .map(|(_, picture)| picture.clone());
+    if let Some(other) = textured().find(|(_, picture)| Some(*picture) != made.texture.as_ref()) {
+        let other = other.1.display().to_string();
+        made.warnings.push(format!(
+            "{}: of several textures one is used, not {other}",
+            path.display()
+        ));
+    }
+    Ok(made)
+}

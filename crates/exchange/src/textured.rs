@@ -1,0 +1,339 @@
+//! Meshes with texture coordinates, named parts and a texture.
+//!
+//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with the pictures that its material files (`.mtl`, `map_Kd`) name. Goes out: OBJ with MTL and picture beside it.
+//!
+//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than OBJ.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use planish_estimate::{Error, Result};
+
+use crate::Unit;
+use crate::atomic::{write_atomically, write_packed};
+use crate::source::{extension, read_text};
+
+/// No texture coordinates at a corner.
+pub const NO_UV: u32 = u32::MAX;
+
+/// What names a part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PartKind {
+    /// `o` in OBJ.
+    Object,
+    /// `g` in OBJ.
+    Group,
+    /// `usemtl` in OBJ.
+    Material,
+}
+
+/// Triangles of one name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MeshPart {
+    /// What names it.
+    pub kind: PartKind,
+    /// Its name.
+    pub name: String,
+    /// Its triangles.
+    pub triangles: Vec<u32>,
+}
+
+/// A mesh with what makes it look like something.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TexturedMesh {
+    /// Positions.
+    pub points: Vec<[f64; 3]>,
+    /// Corners of triangles.
+    pub triangles: Vec<[u32; 3]>,
+    /// Texture coordinates from 0 to 1, from the lower left.
+    pub uv: Vec<[f64; 2]>,
+    /// Those of the corners of each triangle, or [`NO_UV`]; empty where the mesh has none.
+    pub uv_triangles: Vec<[u32; 3]>,
+    /// Parts by name.
+    pub parts: Vec<MeshPart>,
+    /// The picture of the material that most triangles have.
+    pub texture: Option<PathBuf>,
+    /// Further files that were read.
+    pub files: Vec<PathBuf>,
+    /// What is named and not there, or not looked at.
+    pub warnings: Vec<String>,
+    /// The unit of length, where the file names it.
+    pub unit: Option<Unit>,
+}
+
+/// Vertices made so many that each has one pair of texture coordinates, as viewers want it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SplitMesh {
+    /// The vertex that each was.
+    pub vertex_of: Vec<u32>,
+    /// Texture coordinates, one for each; empty where there are none.
+    pub uv: Vec<[f64; 2]>,
+    /// Corners of triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl TexturedMesh {
+    /// Splits vertices at seams of the texture.
+    #[must_use]
+    pub fn split(&self) -> SplitMesh {
+        if self.uv_triangles.is_empty() {
+            return SplitMesh {
+                vertex_of: (0..self.points.len() as u32).collect(),
+                uv: Vec::new(),
+                triangles: self.triangles.clone(),
+            };
+        }
+        let mut made: BTreeMap<(u32, u32), u32> = BTreeMap::new();
+        let mut split = SplitMesh {
+            vertex_of: Vec::new(),
+            uv: Vec::new(),
+            triangles: Vec::with_capacity(self.triangles.len()),
+        };
+        for (corners, uvs) in self.triangles.iter().zip(&self.uv_triangles) {
+            split.triangles.push(std::array::from_fn(|k| {
+                *made.entry((corners[k], uvs[k])).or_insert_with(|| {
+                    split.vertex_of.push(corners[k]);
+                    split.uv.push(self.uv.get(uvs[k] as usize).copied().unwrap_or_default());
+                    split.vertex_of.len() as u32 - 1
+                })
+            }));
+        }
+        split
+    }
+
+    /// The vertices of parts of a name; of objects before groups before materials, where several have it.
+    #[must_use]
+    pub fn vertices_of(&self, name: &str) -> Option<Vec<u32>> {
+        let part = [PartKind::Object, PartKind::Group, PartKind::Material]
+            .into_iter()
+            .find_map(|kind| self.parts.iter().find(|part| part.kind == kind && part.name == name))?;
+        let mut vertices: Vec<u32> = (part.triangles.iter())
+            .flat_map(|t| self.triangles[*t as usize])
+            .collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        Some(vertices)
+    }
+}
+
+/// Reads a mesh with what belongs to its looks.
+///
+/// # Errors
+/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line. A material file that is missing is a warning.
+pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
+    if extension(path) == "obj" {
+        return crate::obj::read_textured(path);
+    }
+    let mesh = crate::mesh::read_mesh(path)?;
+    Ok(TexturedMesh {
+        points: mesh.points,
+        triangles: mesh.triangles,
+        unit: mesh.unit,
+        ..TexturedMesh::default()
+    })
+}
+
+/// The bytes of a picture, to be put into another file as they are.
+///
+/// # Errors
+/// `Io` where the file cannot be read.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
+}
+
+/// Indices of vertices from 0, in any order, with blanks or lines between them; `#` begins a comment. Goes out: each once, in order.
+///
+/// # Errors
+/// `Io` where the file cannot be read; `Input` for what is no index, with the line.
+pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
+    let text = read_text(path)?;
+    let mut vertices = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        for word in line.split('#').next().unwrap_or_default().split_whitespace() {
+            vertices.push(word.parse().map_err(|_| {
+                Error::input(format!(
+                    "{}: line {}: needed the index of a vertex, found `{word}`",
+                    path.display(),
+                    index + 1
+                ))
+            })?);
+        }
+    }
+    vertices.sort_unstable();
+    vertices.dedup();
+    Ok(vertices)
+}
+
+/// The picture of each material's colour that a material file names, beside it.
+///
+/// # Errors
+/// `Io` where the file cannot be read; `Input` for pictures before any material, with the line.
+pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
+    let read = || {
+        let text = read_text(path)?;
+        let mut materials = BTreeMap::new();
+        let mut current: Option<String> = None;
+        for (index, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+            match word {
+                "newmtl" => current = Some(rest.trim().to_owned()),
+                "map_Kd" => {
+                    // Options stand before the name; a name without options may have blanks.
+                    let rest = rest.trim();
+                    let name = match rest.starts_with('-') {
+                        true => rest.rsplit(char::is_whitespace).next().unwrap_or_default(),
+                        false => rest,
+                    };
+                    let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
+                        return Err(Error::input(format!(
+                            "line {}: needed `newmtl` before a picture, and the picture's name",
+                            index + 1
+                        )));
+                    };
+                    let folder = path.parent().unwrap_or(Path::new(""));
+                    materials.insert(material, folder.join(name.replace('\\', "/")));
+                }
+                _ => {}
+            }
+        }
+        Ok(materials)
+    };
+    read().map_err(|e: Error| e.in_context(path.display()))
+}
+
+/// Writes OBJ; with a picture (PNG) also `NAME.mtl` and `NAME.png` beside it. Gives the files.
+///
+/// # Errors
+/// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left half-written.
+pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8]>) -> Result<Vec<PathBuf>> {
+    check(mesh).map_err(|e| e.in_context(path.display()))?;
+    let (materials, texture) = (path.with_extension("mtl"), path.with_extension("png"));
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut written = Vec::new();
+    if let Some(bytes) = picture {
+        write_atomically(&texture, |writer| writer.write_all(bytes))?;
+        write_atomically(&materials, |writer| {
+            writeln!(writer, "# Planish\nnewmtl surface\nKd 1 1 1\nmap_Kd {}", name(&texture))
+        })?;
+        written.extend([texture, materials.clone()]);
+    }
+    write_packed(path, |writer| {
+        writeln!(writer, "# Planish")?;
+        if let Some(unit) = mesh.unit {
+            writeln!(writer, "# unit {unit}")?;
+        }
+        if picture.is_some() {
+            writeln!(writer, "mtllib {}", name(&materials))?;
+        }
+        for [x, y, z] in &mesh.points {
+            writeln!(writer, "v {x:?} {y:?} {z:?}")?;
+        }
+        for [u, v] in &mesh.uv {
+            writeln!(writer, "vt {u:?} {v:?}")?;
+        }
+        if picture.is_some() {
+            writeln!(writer, "usemtl surface")?;
+        }
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            write!(writer, "f")?;
+            for (k, corner) in corners.iter().enumerate() {
+                match mesh.uv_triangles.get(t).map(|uv| uv[k]).filter(|uv| *uv != NO_UV) {
+                    Some(uv) => write!(writer, " {}/{}", corner + 1, uv + 1)?,
+                    None => write!(writer, " {}", corner + 1)?,
+                }
+            }
+            writeln!(writer)?;
+        }
+        Ok(())
+    })?;
+    written.push(path.to_owned());
+    Ok(written)
+}
+
+fn check(mesh: &TexturedMesh) -> Result<()> {
+    let few = |of: &[[u32; 3]], count: usize| of.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV);
+    let corners = mesh
+        .triangles
+        .iter()
+        .flatten()
+        .all(|&c| (c as usize) < mesh.points.len());
+    let paired = mesh.uv_triangles.is_empty() || mesh.uv_triangles.len() == mesh.triangles.len();
+    if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {
+        return Ok(());
+    }
+    Err(Error::input(
+        "needed corners and texture coordinates that are there, for every triangle",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OBJ: &str = "mtllib a.mtl none.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 0.5 0.5\n\
+        o left\nusemtl skin\nf 1/1 2/2 3/3\no right\ng hand arm\nusemtl cloth\nf 1/5 3/3 4/4\nf 1 2 3\n";
+
+    #[test]
+    fn parts_seams_and_pictures_are_read_and_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        std::fs::write(&path, OBJ).unwrap();
+        let material = "newmtl skin\nmap_Kd -s 1 1 1 skin.png\nnewmtl cloth\nmap_Kd my cloth.png # woven\n";
+        std::fs::write(folder.path().join("a.mtl"), material).unwrap();
+        let found = read_textured(&path).unwrap();
+        assert_eq!(found.uv_triangles, [[0, 1, 2], [4, 2, 3], [NO_UV; 3]]);
+        assert_eq!(found.vertices_of("left").unwrap(), [0, 1, 2]);
+        assert_eq!(found.vertices_of("arm").unwrap(), [0, 1, 2, 3]);
+        assert_eq!(found.vertices_of("skin").unwrap(), [0, 1, 2]);
+        assert!(found.vertices_of("foot").is_none());
+        assert_eq!(found.texture.as_deref(), Some(&*folder.path().join("my cloth.png")));
+        assert!(found.warnings.iter().any(|w| w.contains("none.mtl")));
+        // Vertex 1 has two places in the texture, and none.
+        let split = found.split();
+        assert_eq!(split.vertex_of.iter().filter(|v| **v == 0).count(), 3);
+        assert_eq!(split.triangles.len(), 3);
+        let out = folder.path().join("b.obj");
+        let files = write_textured_obj(&out, &found, Some(b"picture")).unwrap();
+        assert_eq!(files.len(), 3);
+        let again = read_textured(&out).unwrap();
+        assert_eq!(
+            (&again.points, &again.uv, &again.uv_triangles),
+            (&found.points, &found.uv, &found.uv_triangles)
+        );
+        assert_eq!(again.texture.as_deref(), Some(&*folder.path().join("b.png")));
+    }
+
+    #[test]
+    fn texture_coordinates_that_are_not_there_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        for (text, wanted) in [
+            (
+                "v 0 0 0\nvt 0 0\nf 1/2 1/1 1/1\n",
+                "line 3: needed the number of a texture coordinate from 1 to 1, found 2",
+            ),
+            ("v 0 0 0\nvt 0\nf 1 1 1\n", "line 2: needed 2 numbers"),
+            ("v 0 0 0\nvt 0 inf\nf 1 1 1\n", "line 2"),
+            ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: needed a corner"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let said = read_textured(&path).unwrap_err().to_string();
+            assert!(said.contains(wanted), "{said}");
+        }
+        let list = folder.path().join("a.txt");
+        std::fs::write(&list, "7 3 # seven\n3\n").unwrap();
+        assert_eq!(read_vertex_list(&list).unwrap(), [3, 7]);
+        std::fs::write(&list, "7\n-3\n").unwrap();
+        assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
+        let materials = folder.path().join("a.mtl");
+        std::fs::write(&materials, "map_Kd a.png\n").unwrap();
+        assert!(
+            read_materials(&materials)
+                .unwrap_err()
+                .to_string()
+                .contains("line 1: needed `newmtl`")
+        );
+    }
+}

@@ -1,0 +1,274 @@
+//! The surface on which a function of space is zero, as a manifold mesh.
+//!
+//! Comes in: a function, negative inside and positive outside; a box; the size of a cell; and a question that tells cells through which the surface cannot pass. Goes out: triangles that face outwards.
+//!
+//! Cubes are found by halving the box as long as the surface may pass through, and cut into six tetrahedra about their diagonals (H. W. Kuhn 1960), which fit together from cube to cube. A tetrahedron shows the surface as
+//! one triangle or two; its vertices are zeros of the function on edges. A vertex belongs to an edge, an edge of the mesh to a face of two tetrahedra: the mesh is closed and manifold whatever the function is, so long as
+//! the surface does not leave the box and no cell is left out that it passes through.
+//!
+//! Not guaranteed: that what is smaller than a cell is seen; well-shaped triangles.
+//!
+//! # References
+//! Doi, Koide, *An efficient method of triangulating equi-valued surfaces by using tetrahedral cells*, IEICE Transactions 1991.
+
+use crate::mesh::{BoundingBox, TriangleMesh};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+
+/// Most cells that are looked into.
+const MOST_CELLS: usize = 40_000_000;
+/// Evaluations along an edge, at most.
+const STEPS: usize = 30;
+/// A vertex is known to this share of its edge, or where the value is this share of those at the ends.
+const EXACT: f64 = 1e-6;
+/// Bits of a coordinate in a key.
+const BITS: u32 = 20;
+
+/// Corners of the tetrahedra of a cube, as bits of x, y and z: one for each order of the axes. The first three are counter-clockwise seen from within, the others are turned.
+const TETRAHEDRA: [[u32; 4]; 6] = [
+    [0, 1, 3, 7],
+    [0, 2, 6, 7],
+    [0, 4, 5, 7],
+    [0, 2, 3, 7],
+    [0, 4, 6, 7],
+    [0, 1, 5, 7],
+];
+/// Even orders of four corners, with the one that stands alone first.
+const ALONE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+/// Even orders of four corners, with each pair first.
+const PAIRS: [[usize; 4]; 6] = [
+    [0, 1, 2, 3],
+    [0, 2, 3, 1],
+    [0, 3, 1, 2],
+    [1, 2, 0, 3],
+    [1, 3, 2, 0],
+    [2, 3, 0, 1],
+];
+
+/// A grid of cubes in a box.
+struct Grid {
+    low: [f64; 3],
+    cell: f64,
+}
+
+impl Grid {
+    fn place(&self, corner: [u32; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| self.low[k] + self.cell * f64::from(corner[k]))
+    }
+}
+
+fn key([x, y, z]: [u32; 3]) -> u64 {
+    u64::from(x) | u64::from(y) << BITS | u64::from(z) << (2 * BITS)
+}
+
+fn corner_of(key: u64) -> [u32; 3] {
+    let mask = (1_u64 << BITS) - 1;
+    [0, 1, 2].map(|k| (key >> (k * BITS) & mask) as u32)
+}
+
+/// The zero surface of `value` within `bounds`, by cubes of side `cell`.
+///
+/// `may_pass(middle, reach)` says whether the surface may pass within `reach` of a place; where it says no, nothing is evaluated. Cost: one question for each cube of every size, one value for each corner of the smallest, and some five for each vertex.
+///
+/// # Errors
+/// `Input` for a cell that is not positive or a box that is empty; `Unsupported` for more than 40 million cells, or a million along a side.
+pub fn isosurface(
+    bounds: &BoundingBox,
+    cell: f64,
+    value: impl Fn([f64; 3]) -> f64 + Sync,
+    may_pass: impl Fn([f64; 3], f64) -> bool + Sync,
+) -> Result<TriangleMesh> {
+    let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+    if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
+        return Err(Error::input(format!(
+            "an isosurface needs a box and cells of positive size, found a box {extent} long and cells of {cell}"
+        )));
+    }
+    let levels = ((extent / cell).max(1.0).log2().ceil() as u32).max(1);
+    if levels >= BITS {
+        return Err(Error::unsupported(format!(
+            "cells of {cell} are too small for a box {extent} long: needed at most a million along a side"
+        )));
+    }
+    let grid = Grid { low: bounds.min, cell };
+    let mut cubes: Vec<[u32; 3]> = vec![[0; 3]];
+    for level in (0..=levels).rev() {
+        let side = cell * f64::from(1_u32 << level);
+        let reach = 0.5 * side * 3_f64.sqrt();
+        let within = |cube: &[u32; 3]| (0..3).all(|k| grid.low[k] + side * f64::from(cube[k]) <= bounds.max[k]);
+        cubes = (cubes.into_par_iter())
+            .filter(within)
+            .filter(|cube| {
+                may_pass(
+                    std::array::from_fn(|k| grid.low[k] + side * (f64::from(cube[k]) + 0.5)),
+                    reach,
+                )
+            })
+            .flat_map_iter(|cube| {
+                let children = if level > 0 { 0..8_u32 } else { 0..1 };
+                children.map(move |child| match level {
+                    0 => cube,
+                    _ => std::array::from_fn(|k| 2 * cube[k] + (child >> k & 1)),
+                })
+            })
+            .collect();
+        if cubes.len() > MOST_CELLS {
+            return Err(Error::unsupported(format!(
+                "cells of {cell} are too small: the surface passes through more than {MOST_CELLS} of them"
+            )));
+        }
+    }
+    let mut corners: Vec<u64> = (cubes.par_iter())
+        .flat_map_iter(|cube| (0..8_u32).map(move |c| key([0, 1, 2].map(|k| cube[k] + (c >> k & 1)))))
+        .collect();
+    corners.par_sort_unstable();
+    corners.dedup();
+    let values: Vec<f64> = (corners.par_iter()).map(|c| value(grid.place(corner_of(*c)))).collect();
+    let inside: Vec<bool> = values.iter().map(|v| *v < 0.0).collect();
+    let index = |corner: [u32; 3]| corners.binary_search(&key(corner)).unwrap_or(0) as u32;
+    // Triangles of edges, each of which is a pair of corners: the one inside first.
+    let triangles: Vec<[[u32; 2]; 3]> = (cubes.par_iter())
+        .flat_map_iter(|cube| {
+            let of: [u32; 8] = std::array::from_fn(|c| index([0, 1, 2].map(|k| cube[k] + (c as u32 >> k & 1))));
+            let mut made = Vec::new();
+            let first = inside[of[0] as usize];
+            if of.iter().any(|&c| inside[c as usize] != first) {
+                for (t, tetrahedron) in TETRAHEDRA.iter().enumerate() {
+                    triangles_of(tetrahedron.map(|c| of[c as usize]), &inside, t >= 3, &mut made);
+                }
+            }
+            made
+        })
+        .collect();
+    let mut edges: Vec<[u32; 2]> = triangles.par_iter().flat_map_iter(|t| t.iter().copied()).collect();
+    edges.par_sort_unstable();
+    edges.dedup();
+    let positions: Vec<[f64; 3]> = (edges.par_iter())
+        .map(|edge| {
+            let ends = edge.map(|c| (grid.place(corner_of(corners[c as usize])), values[c as usize]));
+            zero_between(ends, &value)
+        })
+        .collect();
+    let vertex = |edge: &[u32; 2]| edges.binary_search(edge).unwrap_or(0) as u32;
+    Ok(TriangleMesh {
+        triangles: triangles
+            .par_iter()
+            .map(|t| [vertex(&t[0]), vertex(&t[1]), vertex(&t[2])])
+            .collect(),
+        positions,
+    })
+}
+
+/// What a tetrahedron shows of the surface, facing outwards.
+fn triangles_of(of: [u32; 4], inside: &[bool], turned: bool, made: &mut Vec<[[u32; 2]; 3]>) {
+    let mut give = |[a, b, c]: [[u32; 2]; 3], turn: bool| made.push(if turn != turned { [a, c, b] } else { [a, b, c] });
+    let is = of.map(|c| inside[c as usize]);
+    let count = is.iter().filter(|inside| **inside).count();
+    match count {
+        1 | 3 => {
+            let lone = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
+            let [a, b, c, d] = ALONE[lone].map(|c| of[c]);
+            let edge = |to: u32| if count == 1 { [a, to] } else { [to, a] };
+            give([edge(b), edge(c), edge(d)], count == 3);
+        }
+        2 => {
+            if let Some(pair) = PAIRS.iter().find(|p| is[p[0]] && is[p[1]]) {
+                let [a, b, c, d] = pair.map(|c| of[c]);
+                give([[a, c], [a, d], [b, d]], false);
+                give([[a, c], [b, d], [b, c]], false);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// A place between one inside and one outside where the value changes its sign, by the Illinois method: secants, and an end that stays counts half as much (M. Dowell, P. Jarratt 1971).
+fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
+    let at = |share: f64| [0, 1, 2].map(|k| inside.0[k] + share * (outside.0[k] - inside.0[k]));
+    let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
+    let small = EXACT * (above - below);
+    let mut share = 0.5;
+    let mut last = 0;
+    for _ in 0..STEPS {
+        share = low + (high - low) * below / (below - above);
+        // Values may be infinite or jump.
+        if !(share > low && share < high) {
+            share = 0.5 * (low + high);
+        }
+        let here = value(at(share));
+        if here < 0.0 {
+            (low, below) = (share, here);
+            above *= if last == 1 { 0.5 } else { 1.0 };
+            last = 1;
+        } else {
+            (high, above) = (share, here);
+            below *= if last == 2 { 0.5 } else { 1.0 };
+            last = 2;
+        }
+        if high - low < EXACT || here.abs() <= small {
+            break;
+        }
+    }
+    at(share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::norm;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn unit_box(half: f64) -> BoundingBox {
+        BoundingBox {
+            min: [-half; 3],
+            max: [half; 3],
+        }
+    }
+
+    /// Vertices of a ball lie on it, its volume is that of a ball but for the chords, and cells that are culled change nothing.
+    #[test]
+    fn a_ball_is_a_ball_culled_or_not() {
+        let ball = |p: [f64; 3]| norm(p) - 1.0;
+        let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
+        let culled = isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (norm(at) - 1.0).abs() <= reach).unwrap();
+        assert_eq!(whole, culled);
+        let check = whole.check();
+        assert!(check.watertight && check.manifold && check.oriented);
+        assert_eq!(check.euler_characteristic, 2);
+        assert!(whole.positions.iter().all(|p| (norm(*p) - 1.0).abs() < 1e-6));
+        let volume = whole.signed_volume().unwrap();
+        assert!(
+            (volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01,
+            "{volume}"
+        );
+    }
+
+    /// Random values at every place: the worst that any function can do.
+    #[test]
+    fn noise_has_a_manifold_surface() {
+        for seed in 0..5 {
+            let noise = |p: [f64; 3]| {
+                if p.iter().any(|x| x.abs() > 0.9) {
+                    return 1.0;
+                }
+                let bits = p.map(f64::to_bits).iter().fold(seed, |h: u64, x| {
+                    (h ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (h >> 29)
+                });
+                ChaCha8Rng::seed_from_u64(bits).random_range(-1.0..1.0)
+            };
+            let made = isosurface(&unit_box(1.1), 0.2, noise, |_, _| true).unwrap();
+            let check = made.check();
+            assert!(check.watertight && check.oriented && check.nonmanifold_edges == 0 && made.triangles.len() > 1000);
+            assert_eq!(check.nonmanifold_vertices, 0);
+        }
+    }
+
+    #[test]
+    fn cells_that_make_no_sense_are_refused() {
+        let value = |p: [f64; 3]| norm(p) - 1.0;
+        for cell in [0.0, -1.0, f64::NAN, 1e-9] {
+            assert!(isosurface(&unit_box(2.0), cell, value, |_, _| true).is_err());
+        }
+    }
+}

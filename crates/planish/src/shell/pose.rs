@@ -1,0 +1,356 @@
+//! `planish shell pose`: a mesh posed by moving a few of its controls.
+//!
+//! Comes in: a mesh, and a TOML file of poses and keyframes:
+//!
+//! ```toml
+//! controls = 60                       # chosen on the mesh; or a list of places [[x, y, z], ...]
+//! blend = 2.0                         # over which length rigid parts fade into the rest; a tenth of the mesh's size where it is left out
+//!
+//! [[rigid]]
+//! part = "head"                       # a group, object or material of the OBJ
+//! motion = "follow"                   # as a rigid part goes along with the controls around it, or "held"
+//!
+//! [[pose]]
+//! name = "shoulders up"
+//! move = [
+//!   { near = [10, 0, 2], by = [0, 3, 0] },                  # the control that is nearest
+//!   { control = 7, by = [0, 3, 0] },                        # the control of this index
+//!   { near = [0, -20, 0], within = 6, by = [0, 3, 0] },     # all controls within a length
+//! ]
+//!
+//! [[keyframe]]
+//! seconds = 0
+//! weights = { "shoulders up" = 0 }
+//! [[keyframe]]
+//! seconds = 1.5
+//! weights = { "shoulders up" = 1 }
+//! ```
+//!
+//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture coordinates and the texture of an OBJ are kept. Other formats hold the mesh in the first pose.
+//!
+//! Not guaranteed: that a posed mesh does not cross itself.
+
+use super::surface::check_outputs;
+use crate::progress::{Progress, WRITING_STAGE};
+use nalgebra::DVector;
+use planish_estimate::vector3::{add, distance};
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::extension;
+use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
+use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
+use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
+use planish_exchange::textured::{TexturedMesh, read_bytes, read_textured, read_vertex_list, write_textured_obj};
+use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Controls where nothing is said.
+const USUAL_CONTROLS: usize = 60;
+/// The blend where none is given, as a share of the mesh's size.
+const USUAL_BLEND: f64 = 0.1;
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellPoseJob {
+    /// The mesh.
+    pub mesh: PathBuf,
+    /// Poses and keyframes.
+    pub poses: PathBuf,
+    /// Parts that stay rigid, beside those of the file: a group, object or material of the OBJ, or a file of vertex indices.
+    pub rigid: Vec<String>,
+    /// Files to write.
+    pub outputs: Vec<PathBuf>,
+    /// The unit of the mesh, where the file names none.
+    pub unit: Option<Unit>,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct ShellPoseReport {
+    /// Unit of lengths.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// Vertices of the mesh.
+    pub vertices: usize,
+    /// How many controls there are.
+    pub controls: usize,
+    /// Where they are.
+    pub control_points: Vec<[f64; 3]>,
+    /// Rigid parts and their vertices.
+    pub rigid: Vec<RigidReport>,
+    /// Poses.
+    pub poses: Vec<PoseReport>,
+    /// Keyframes.
+    pub keyframes: usize,
+    /// Files read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Files written.
+    #[serde(skip)]
+    pub written: Vec<PathBuf>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+    /// `converged`.
+    pub termination: &'static str,
+}
+
+/// A rigid part.
+#[derive(Debug, Clone, Serialize)]
+pub struct RigidReport {
+    /// Its name.
+    pub part: String,
+    /// How many vertices it has.
+    pub vertices: usize,
+    /// Whether it is held where it is.
+    pub held: bool,
+}
+
+/// A pose.
+#[derive(Debug, Clone, Serialize)]
+pub struct PoseReport {
+    /// Its name.
+    pub name: String,
+    /// How many controls are moved.
+    pub moved: usize,
+    /// The longest way of a vertex.
+    pub farthest: f64,
+}
+
+/// The vertices of a rigid part: by its name in the file, or a file of indices from 0.
+///
+/// # Errors
+/// `Input` where there is neither, or a word of the file is no index.
+pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
+    if let Some(vertices) = mesh.vertices_of(part) {
+        return Ok(vertices);
+    }
+    let path = Path::new(part);
+    if !path.is_file() {
+        let mut names: Vec<&str> = mesh.parts.iter().map(|part| part.name.as_str()).collect();
+        names.dedup();
+        return Err(Error::input(format!(
+            "no group, object or material of the mesh is named `{part}`, and no file: needed {}",
+            match names.is_empty() {
+                true => "a file of vertex indices, as the mesh has no parts".to_owned(),
+                false => format!("one of {}, or a file of vertex indices", names.join(", ")),
+            }
+        )));
+    }
+    read_vertex_list(path)
+}
+
+/// Poses a mesh.
+///
+/// # Errors
+/// As the readers and writers; `Input` for parts, controls and poses that are not there; outputs are checked before the work.
+pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseReport> {
+    let inputs = [job.mesh.clone(), job.poses.clone()];
+    check_outputs(
+        &job.outputs,
+        &inputs,
+        is_mesh_file,
+        ".glb (all poses), or .ply, .obj, .stl or .off (the first pose)",
+    )?;
+    progress.check("reading", 0.0)?;
+    let mut file = read_textured(&job.mesh)?;
+    let poses = read_poses(&job.poses)?;
+    file.unit = file.unit.or(job.unit);
+    let mesh = TriangleMesh::try_new(file.points.clone(), file.triangles.clone())
+        .map_err(|e| e.in_context(job.mesh.display()))?;
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let controls = match &poses.controls {
+        ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
+        ControlsEntry::Usual => automatic_controls(&mesh, USUAL_CONTROLS)?.points,
+        ControlsEntry::Points(points) => points.clone(),
+    };
+    let (parts, rigid) = rigid_parts(job, &file, &poses)?;
+    progress.check("weighing", 0.2)?;
+    let inner = Box::new(Dirichlet::new(&controls, &mesh.positions)?);
+    let blend = poses.blend.unwrap_or(USUAL_BLEND * size);
+    let deformation = RigidParts::new(&mesh, inner, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
+    let (mut targets, mut reports) = (Vec::new(), Vec::new());
+    for pose in &poses.poses {
+        progress.check("posing", 0.3)?;
+        let (q, moved) = moves(&pose.moves, &controls)
+            .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
+        let points = deformation.positions(&deformation.carried(&q));
+        reports.push(PoseReport {
+            name: pose.name.clone(),
+            moved,
+            farthest: (points.iter().zip(&mesh.positions))
+                .map(|(a, b)| distance(*a, *b))
+                .fold(0.0, f64::max),
+        });
+        targets.push(points);
+    }
+    progress.check(WRITING_STAGE, 0.8)?;
+    let mut warnings = std::mem::take(&mut file.warnings);
+    let mut written = Vec::new();
+    for path in &job.outputs {
+        written.extend(write(path, &file, &mesh, &poses, &targets, &mut warnings)?);
+    }
+    let mut read = inputs.to_vec();
+    read.append(&mut file.files);
+    Ok(ShellPoseReport {
+        unit: file.unit,
+        vertices: mesh.positions.len(),
+        controls: controls.len(),
+        control_points: controls,
+        rigid,
+        poses: reports,
+        keyframes: poses.keyframes.len(),
+        inputs: read,
+        written,
+        warnings,
+        termination: "converged",
+    })
+}
+
+fn rigid_parts(
+    job: &ShellPoseJob,
+    file: &TexturedMesh,
+    poses: &PoseFile,
+) -> Result<(Vec<RigidPart>, Vec<RigidReport>)> {
+    let named = job.rigid.iter().map(|part| (part.clone(), false));
+    let all = named.chain(poses.rigid.iter().map(|entry| (entry.part.clone(), entry.held)));
+    let (mut parts, mut reports) = (Vec::new(), Vec::new());
+    for (part, held) in all {
+        let vertices = part_vertices(file, &part).map_err(|e| e.in_context(job.mesh.display()))?;
+        reports.push(RigidReport {
+            part,
+            vertices: vertices.len(),
+            held,
+        });
+        parts.push(RigidPart {
+            vertices,
+            motion: if held { PartMotion::Held } else { PartMotion::Free },
+        });
+    }
+    Ok((parts, reports))
+}
+
+/// Displacements of controls, and how many are moved; those of several moves add up.
+fn moves(entries: &[MoveEntry], controls: &[[f64; 3]]) -> Result<(DVector<f64>, usize)> {
+    let mut by = vec![[0.0; 3]; controls.len()];
+    for entry in entries {
+        let near = |at: [f64; 3]| {
+            (0..controls.len()).min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
+        };
+        let chosen: Vec<usize> = match entry.target {
+            Target::Control(index) if index < controls.len() => vec![index],
+            Target::Control(index) => {
+                return Err(Error::input(format!(
+                    "needed a control from 0 to {}, found {index}",
+                    controls.len().saturating_sub(1)
+                )));
+            }
+            Target::Nearest(at) => near(at).into_iter().collect(),
+            Target::Within(at, reach) => (0..controls.len())
+                .filter(|k| distance(controls[*k], at) <= reach)
+                .collect(),
+        };
+        if chosen.is_empty() {
+            return Err(Error::input(format!(
+                "no control is within reach of {:?}",
+                entry.target
+            )));
+        }
+        for k in chosen {
+            by[k] = add(by[k], entry.by);
+        }
+    }
+    let moved = by.iter().filter(|d| **d != [0.0; 3]).count();
+    Ok((
+        DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()),
+        moved,
+    ))
+}
+
+/// Writes one file, and what belongs to it.
+fn write(
+    path: &Path,
+    file: &TexturedMesh,
+    mesh: &TriangleMesh,
+    poses: &PoseFile,
+    targets: &[Vec<[f64; 3]>],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<PathBuf>> {
+    let normals_of = |points: &[[f64; 3]]| {
+        TriangleMesh {
+            positions: points.to_vec(),
+            triangles: mesh.triangles.clone(),
+        }
+        .vertex_normals()
+    };
+    let picture = match &file.texture {
+        None => None,
+        Some(texture) => match read_bytes(texture) {
+            Ok(bytes) => Some(bytes),
+            Err(e) => {
+                warnings.push(format!("the texture is left out: {e}"));
+                None
+            }
+        },
+    };
+    let is_png = picture.as_ref().is_some_and(|bytes| bytes.starts_with(b"\x89PNG"));
+    let is_jpeg = picture.as_ref().is_some_and(|bytes| bytes.starts_with(&[0xff, 0xd8]));
+    match extension(path).as_str() {
+        "glb" => {
+            let split = file.split();
+            let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> {
+                split.vertex_of.iter().map(|v| values[*v as usize]).collect()
+            };
+            let morphs: Vec<MorphTarget> = (poses.poses.iter().zip(targets))
+                .map(|(pose, points)| MorphTarget {
+                    name: pose.name.clone(),
+                    points: of(points),
+                    normals: of(&normals_of(points)),
+                })
+                .collect();
+            let keyframes: Vec<Keyframe> = (poses.keyframes.iter())
+                .map(|frame| Keyframe {
+                    seconds: frame.seconds,
+                    weights: frame.weights.clone(),
+                })
+                .collect();
+            write_posed(
+                path,
+                &PosedMesh {
+                    points: &of(&mesh.positions),
+                    normals: &of(&normals_of(&mesh.positions)),
+                    triangles: &split.triangles,
+                    uv: &split.uv,
+                    picture: picture.as_deref().filter(|_| is_png || is_jpeg),
+                    targets: &morphs,
+                    keyframes: &keyframes,
+                    unit: file.unit,
+                    ..PosedMesh::default()
+                },
+            )?;
+            Ok(vec![path.to_owned()])
+        }
+        "obj" => {
+            let posed = TexturedMesh {
+                points: targets.first().unwrap_or(&mesh.positions).clone(),
+                ..file.clone()
+            };
+            write_textured_obj(path, &posed, picture.as_deref().filter(|_| is_png))
+        }
+        _ => {
+            let points = targets.first().unwrap_or(&mesh.positions);
+            write_mesh(
+                path,
+                &MeshColumns {
+                    points,
+                    normals: Some(&normals_of(points)),
+                    triangles: &mesh.triangles,
+                    unit: file.unit,
+                    ..MeshColumns::default()
+                },
+            )?;
+            Ok(vec![path.to_owned()])
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! `planish shell mesh`: the surface of a mesh's shell as a manifold mesh.
+//!
+//! Comes in: a mesh of any kind and the settings of its field. Goes out: a mesh, and how far from the exact surface it is.
+//!
+//! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
+
+use crate::output::{refuse_input_as_output, refuse_same_output};
+use crate::progress::{Progress, WRITING_STAGE};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
+use planish_exchange::{Unit, check_writable};
+use planish_mesh::{BoundingBox, TriangleMesh};
+pub use planish_shell::{IsoLevel, Metaball};
+use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivided};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// How thick a shell is where nothing is said, and how soft its field, as shares of the mesh's size.
+const USUAL_THICKNESS: f64 = 0.01;
+const USUAL_SOFTNESS: f64 = 0.002;
+/// Spherical metaballs are at most so many times as large as the field is soft.
+const SPHERES: f64 = 3.0;
+/// And there are at most so many of them.
+const MOST_FACETS: usize = 400_000;
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellMeshJob {
+    /// The mesh.
+    pub mesh: PathBuf,
+    /// Which surface of its shell.
+    pub level: IsoLevel,
+    /// What metaballs are built around.
+    pub metaball: Metaball,
+    /// `d0` of triangular metaballs; a hundredth of the mesh's size where none is given.
+    pub thickness: Option<f64>,
+    /// `1/k`; 1/500 of the mesh's size where none is given.
+    pub softness: Option<f64>,
+    /// `T`.
+    pub threshold: f64,
+    /// Side of a cell; 1/150 of the mesh's size where none is given.
+    pub cell: Option<f64>,
+    /// Files to write.
+    pub outputs: Vec<PathBuf>,
+    /// The unit of the mesh, where the file names none.
+    pub unit: Option<Unit>,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct ShellMeshReport {
+    /// Unit of lengths.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// Vertices of the surface.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Its parts.
+    pub components: usize,
+    /// Vertices − edges + triangles.
+    pub euler_characteristic: i64,
+    /// Whether it is closed.
+    pub watertight: bool,
+    /// Whether it is manifold.
+    pub manifold: bool,
+    /// Side of a cell.
+    pub cell: f64,
+    /// `1/k` of the field.
+    pub softness: f64,
+    /// Facets that the field was made of.
+    pub facets: usize,
+    /// Distance of the middles of facets from the exact surface, rms.
+    pub deviation_rms: f64,
+    /// The largest.
+    pub deviation_max: f64,
+    /// Files written.
+    #[serde(skip)]
+    pub written: Vec<PathBuf>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+    /// `converged`.
+    pub termination: &'static str,
+}
+
+/// Refuses outputs that cannot be written as meshes, before the work.
+pub(super) fn check_outputs(
+    outputs: &[PathBuf],
+    inputs: &[PathBuf],
+    good: impl Fn(&Path) -> bool,
+    needed: &str,
+) -> Result<()> {
+    for (k, path) in outputs.iter().enumerate() {
+        if !good(path) {
+            return Err(Error::unsupported(format!(
+                "{}: the extension says what to write: needed {needed}",
+                path.display()
+            )));
+        }
+        refuse_input_as_output(path, inputs)?;
+        refuse_same_output(path, &outputs[..k])?;
+        check_writable(path)?;
+    }
+    Ok(())
+}
+
+/// Meshes the surface of a shell.
+///
+/// # Errors
+/// As the readers, [`iso_surface`] and the writers; outputs are checked before the work.
+pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshReport> {
+    check_outputs(
+        &job.outputs,
+        std::slice::from_ref(&job.mesh),
+        is_mesh_file,
+        ".ply, .obj, .stl, .off or .glb",
+    )?;
+    progress.check("reading", 0.0)?;
+    let file = read_mesh(&job.mesh)?;
+    let unit = file.unit.or(job.unit);
+    let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
+    let mut warnings = Vec::new();
+    let wrapped = match job.metaball {
+        Metaball::Triangular => mesh,
+        Metaball::Spherical => {
+            let (fine, _) = subdivided(&mesh, SPHERES * softness, MOST_FACETS);
+            if fine.triangles.len() >= MOST_FACETS {
+                warnings.push(format!(
+                    "{}: {} facets are not enough for spheres as small as the field is soft: the surface is bumpy; give a larger softness, or triangular metaballs",
+                    job.mesh.display(),
+                    fine.triangles.len()
+                ));
+            }
+            fine
+        }
+    };
+    let options = ShellOptions {
+        thickness: job.thickness.unwrap_or(USUAL_THICKNESS * size),
+        threshold: job.threshold,
+        ..ShellOptions::new(job.metaball, 1.0 / softness)
+    };
+    progress.check("meshing", 0.1)?;
+    let made = Shell::new(&wrapped, &options)
+        .and_then(|shell| {
+            iso_surface(
+                &shell,
+                &IsoOptions {
+                    level: job.level,
+                    cell: job.cell,
+                },
+            )
+        })
+        .map_err(|e| e.in_context(job.mesh.display()))?;
+    progress.check(WRITING_STAGE, 0.9)?;
+    let normals = made.mesh.vertex_normals();
+    for path in &job.outputs {
+        write_mesh(
+            path,
+            &MeshColumns {
+                points: &made.mesh.positions,
+                normals: Some(&normals),
+                triangles: &made.mesh.triangles,
+                unit,
+                ..MeshColumns::default()
+            },
+        )?;
+    }
+    Ok(ShellMeshReport {
+        unit,
+        vertices: made.mesh.positions.len(),
+        triangles: made.mesh.triangles.len(),
+        components: made.check.components,
+        euler_characteristic: made.check.euler_characteristic,
+        watertight: made.check.watertight,
+        manifold: made.check.manifold,
+        cell: made.cell,
+        softness,
+        facets: wrapped.triangles.len(),
+        deviation_rms: made.deviation_rms,
+        deviation_max: made.deviation_max,
+        written: job.outputs.clone(),
+        warnings,
+        termination: "converged",
+    })
+}

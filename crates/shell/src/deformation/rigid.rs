@@ -1,0 +1,435 @@
+//! Parts of a mesh that stay rigid while the rest deforms.
+//!
+//! Comes in: a deformation, and parts: lists of vertices that are held or move rigidly. Goes out: a deformation whose parameters are those of the first, then six for each part that moves.
+//!
+//! A part's weight `w_p` is 1 on it and falls to 0 within a distance, as `1 − (6s⁵ − 15s⁴ + 10s³)`: with both derivatives 0 at either end, so that seams show no crease. Where several parts are near, each
+//! counts as far as the others do not: `u_p = w_p Π_{q≠p} (1 − w_q)`. Then
+//!
+//! `V = V0 + (1 − Σ u_p) W q + Σ u_p (t_p + ω_p × (V0 − c_p))`.
+//!
+//! Fits are linear: `ω × r` stands for a rotation, and is off by `|ω|² r/2`. [`RigidParts::positions`] takes the rotation by `|ω|` itself.
+//!
+//! Not guaranteed: that what is near in space but far along the mesh (a hand on a hip) is blended with the part that it belongs to.
+
+use super::{Deformation, displacements};
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
+use planish_estimate::vector3::{add, add_scaled, cross, distance, scale, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::{MeshSearch, TriangleMesh};
+use rayon::prelude::*;
+
+/// How a part moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PartMotion {
+    /// It stays where it is.
+    Held,
+    /// By six parameters: a translation, then a rotation about its middle, in lengths at its radius.
+    Free,
+}
+
+/// A rigid part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RigidPart {
+    /// Its vertices.
+    pub vertices: Vec<u32>,
+    /// How it moves.
+    pub motion: PartMotion,
+}
+
+/// A part, ready to be moved.
+#[derive(Debug, Clone)]
+struct Part {
+    center: [f64; 3],
+    /// Its largest distance from the middle.
+    radius: f64,
+    /// The first of its six numbers, counted from the end of those of the other deformation.
+    first: Option<usize>,
+    vertices: Vec<u32>,
+}
+
+/// A deformation with rigid parts.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DVector;
+/// use planish_mesh::grid_sheet;
+/// use planish_shell::{Deformation, PartMotion, RigidPart, RigidParts, VertexDisplacements, displacements};
+/// let sheet = grid_sheet(10.0, 1.0, 10, 1);
+/// let inner = Box::new(VertexDisplacements::new(&sheet.positions));
+/// let part = RigidPart { vertices: vec![0, 1, 11, 12], motion: PartMotion::Free };
+/// let made = RigidParts::new(&sheet, inner, &[part], 3.0)?;
+/// let mut q = DVector::zeros(made.parameters());
+/// q[66 + 2] = 1.0; // the part goes up along z
+/// let moved = displacements(&made, &q);
+/// assert!(moved[1][2] == 1.0 && moved[3][2] > 0.0 && moved[3][2] < 1.0 && moved[10][2] == 0.0);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub struct RigidParts<'a> {
+    inner: Box<dyn Deformation + 'a>,
+    rest: Vec<[f64; 3]>,
+    parts: Vec<Part>,
+    /// For each vertex what of it follows the other deformation, and the parts that it follows.
+    own: Vec<f64>,
+    following: Vec<Vec<(u32, f64)>>,
+    reduction: Option<DMatrix<f64>>,
+    free: usize,
+}
+
+/// Numbers of a moving part.
+const NUMBERS: usize = 6;
+
+impl<'a> RigidParts<'a> {
+    /// Makes parts of `mesh` rigid, blended over the distance `blend`.
+    ///
+    /// # Errors
+    /// `Input` for a part without vertices, vertices that are not there, a vertex of two parts, a blend that is no length, or a deformation of another number of vertices.
+    pub fn new(mesh: &TriangleMesh, inner: Box<dyn Deformation + 'a>, parts: &[RigidPart], blend: f64) -> Result<Self> {
+        let count = mesh.positions.len();
+        if inner.vertices() != count {
+            return Err(Error::input(format!(
+                "the deformation moves {} vertices, the mesh has {count}",
+                inner.vertices()
+            )));
+        }
+        if !(blend.is_finite() && blend >= 0.0) {
+            return Err(Error::input(format!("parts are blended over a length, got {blend}")));
+        }
+        let mut weights: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
+        let mut part_of = vec![None; count];
+        let (mut made, mut free) = (Vec::new(), 0);
+        for (index, part) in parts.iter().enumerate() {
+            for &v in &part.vertices {
+                match part_of.get(v as usize) {
+                    Some(None) => part_of[v as usize] = Some(index),
+                    Some(Some(other)) if *other != index => {
+                        return Err(Error::input(format!(
+                            "vertex {v} is in two rigid parts, {other} and {index}"
+                        )));
+                    }
+                    Some(_) => {}
+                    None => {
+                        return Err(Error::input(format!(
+                            "rigid part {index} names vertex {v}, and the mesh has {count}"
+                        )));
+                    }
+                }
+            }
+            if part.vertices.is_empty() {
+                return Err(Error::input(format!("rigid part {index} has no vertices")));
+            }
+            let places = || part.vertices.iter().map(|v| mesh.positions[*v as usize]);
+            let center = scale(1.0 / part.vertices.len() as f64, places().fold([0.0; 3], add));
+            let radius = places().map(|p| distance(p, center)).fold(0.0, f64::max);
+            let first = (part.motion == PartMotion::Free).then(|| {
+                free += NUMBERS;
+                free - NUMBERS
+            });
+            made.push(Part {
+                center,
+                radius: if radius > 0.0 { radius } else { 1.0 },
+                first,
+                vertices: part.vertices.clone(),
+            });
+        }
+        for index in 0..parts.len() {
+            let far = distances(mesh, &part_of, index, blend)?;
+            for (v, far) in far.into_iter().enumerate() {
+                let weight = match part_of[v] {
+                    Some(own) => f64::from(u8::from(own == index)),
+                    None => falling(far / blend),
+                };
+                if weight > 0.0 {
+                    weights[v].push((index as u32, weight));
+                }
+            }
+        }
+        let following: Vec<Vec<(u32, f64)>> = (weights.into_iter())
+            .map(|near| {
+                let of = |k: usize| {
+                    let others = near.iter().enumerate().filter(|(other, _)| *other != k);
+                    near[k].1 * others.map(|(_, (_, w))| 1.0 - w).product::<f64>()
+                };
+                (0..near.len()).map(|k| (near[k].0, of(k))).collect()
+            })
+            .collect();
+        let reduction = inner.reduction().map(|r| {
+            let mut whole = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
+            whole.view_mut((0, 0), r.shape()).copy_from(r);
+            for k in 0..free {
+                whole[(r.nrows() + k, r.ncols() + k)] = 1.0;
+            }
+            whole
+        });
+        Ok(Self {
+            own: (following.iter())
+                .map(|near| (1.0 - near.iter().map(|(_, w)| w).sum::<f64>()).max(0.0))
+                .collect(),
+            inner,
+            rest: mesh.positions.clone(),
+            parts: made,
+            following,
+            reduction,
+            free,
+        })
+    }
+
+    /// The stiffness of all parameters, from that of the other deformation's: rigid motions cost nothing.
+    #[must_use]
+    pub fn stiffness(&self, inner: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut whole = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
+        whole.view_mut((0, 0), inner.shape()).copy_from(inner);
+        whole
+    }
+
+    /// Parameters by which parts that move follow what the other deformation does to them, as nearly as a rigid motion can (W. Kabsch 1976).
+    #[must_use]
+    pub fn carried(&self, inner: &DVector<f64>) -> DVector<f64> {
+        let by = displacements(&*self.inner, inner);
+        let mut q = DVector::zeros(self.parameters());
+        q.rows_mut(0, inner.len()).copy_from(inner);
+        for part in &self.parts {
+            let Some(first) = part.first else { continue };
+            let per = 1.0 / part.vertices.len() as f64;
+            let moved = |v: &u32| add(self.rest[*v as usize], by[*v as usize]);
+            let center = scale(per, part.vertices.iter().map(moved).fold([0.0; 3], add));
+            let mut products = Matrix3::zeros();
+            for v in &part.vertices {
+                let from = Vector3::from(sub(self.rest[*v as usize], part.center));
+                products += Vector3::from(sub(moved(v), center)) * from.transpose();
+            }
+            let rotation = Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
+            let turn = rotation.scaled_axis() * part.radius;
+            let slide = sub(center, part.center);
+            for k in 0..3 {
+                q[inner.len() + first + k] = slide[k];
+                q[inner.len() + first + 3 + k] = turn[k];
+            }
+        }
+        q
+    }
+
+    /// Where vertices are, with rotations of parts as they are.
+    #[must_use]
+    pub fn positions(&self, q: &DVector<f64>) -> Vec<[f64; 3]> {
+        let count = self.inner.parameters();
+        let by = displacements(&*self.inner, &q.rows(0, count).into_owned());
+        let motions: Vec<(Rotation3<f64>, Vector3<f64>)> = (self.parts.iter())
+            .map(|part| match part.first {
+                None => (Rotation3::identity(), Vector3::zeros()),
+                Some(first) => {
+                    let of = |k: usize| Vector3::from_fn(|axis, _| q[count + first + k + axis]);
+                    (Rotation3::from_scaled_axis(of(3) / part.radius), of(0))
+                }
+            })
+            .collect();
+        (0..self.rest.len())
+            .into_par_iter()
+            .map(|v| {
+                let mut moved = add_scaled(self.rest[v], self.own[v], by[v]);
+                for &(part, weight) in &self.following[v] {
+                    let (rotation, slide) = &motions[part as usize];
+                    let off = Vector3::from(sub(self.rest[v], self.parts[part as usize].center));
+                    moved = add_scaled(moved, weight, (rotation * off - off + slide).into());
+                }
+                moved
+            })
+            .collect()
+    }
+}
+
+impl Deformation for RigidParts<'_> {
+    fn parameters(&self) -> usize {
+        self.inner.parameters() + self.free
+    }
+
+    fn basis(&self) -> usize {
+        self.inner.basis() + self.free
+    }
+
+    fn vertices(&self) -> usize {
+        self.rest.len()
+    }
+
+    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+        let v = vertex as usize;
+        if self.own[v] > 0.0 {
+            self.inner.row(vertex, direction.map(|d| self.own[v] * d), visit);
+        }
+        for &(part, weight) in &self.following[v] {
+            let part = &self.parts[part as usize];
+            let Some(first) = part.first else { continue };
+            let turn = cross(sub(self.rest[v], part.center), direction);
+            for k in 0..3 {
+                visit(self.inner.basis() + first + k, weight * direction[k]);
+                visit(self.inner.basis() + first + 3 + k, weight * turn[k] / part.radius);
+            }
+        }
+    }
+
+    fn reduction(&self) -> Option<&DMatrix<f64>> {
+        self.reduction.as_ref()
+    }
+}
+
+/// From 1 at 0 to 0 at 1, with two derivatives that are zero there.
+fn falling(s: f64) -> f64 {
+    if s.is_nan() || s >= 1.0 {
+        return 0.0;
+    }
+    let s = s.max(0.0);
+    1.0 - s * s * s * (10.0 + s * (6.0 * s - 15.0))
+}
+
+/// How far vertices are from a part: from its faces, or from its vertices where it has none.
+fn distances(mesh: &TriangleMesh, part_of: &[Option<usize>], index: usize, blend: f64) -> Result<Vec<f64>> {
+    let is_in = |v: &u32| part_of[*v as usize] == Some(index);
+    let mut triangles: Vec<[u32; 3]> = (mesh.triangles.iter().copied())
+        .filter(|t| t.iter().all(is_in))
+        .collect();
+    if triangles.is_empty() {
+        triangles = (0..mesh.positions.len() as u32).filter(is_in).map(|v| [v; 3]).collect();
+    }
+    let search = MeshSearch::try_new(&TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles,
+    })?;
+    Ok((mesh.positions.par_iter())
+        .map(|p| match blend > 0.0 {
+            true => search.closest(*p).map_or(f64::INFINITY, |foot| foot.distance),
+            false => f64::INFINITY,
+        })
+        .collect())
+}
+
+/// The rotation that is nearest to a matrix.
+fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
+    let svd = m.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return Matrix3::identity();
+    };
+    let mut turn = Matrix3::identity();
+    turn[(2, 2)] = (u * v).determinant().signum();
+    u * turn * v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Dirichlet, VertexDisplacements};
+    use planish_mesh::{grid_sheet, icosphere};
+
+    fn lower(mesh: &TriangleMesh, below: f64) -> Vec<u32> {
+        (0..mesh.positions.len() as u32)
+            .filter(|v| mesh.positions[*v as usize][2] < below)
+            .collect()
+    }
+
+    /// Whatever the rest does, distances between vertices of a part stay; what follows a rotation of all controls turns by it, exactly; what is held stays.
+    #[test]
+    fn parts_keep_their_shape() {
+        let ball = icosphere(1.0, 3);
+        let controls = icosphere(1.2, 1).positions;
+        let part = lower(&ball, -0.3);
+        for motion in [PartMotion::Free, PartMotion::Held] {
+            let inner = Box::new(Dirichlet::new(&controls, &ball.positions).unwrap());
+            let parts = [RigidPart {
+                vertices: part.clone(),
+                motion,
+            }];
+            let made = RigidParts::new(&ball, inner, &parts, 0.4).unwrap();
+            let turn = Rotation3::from_euler_angles(0.5, -0.4, 1.0);
+            let q = DVector::from_iterator(
+                3 * controls.len(),
+                (controls.iter().enumerate()).flat_map(|(k, p)| {
+                    let bulge = if k == 3 { 1.3 } else { 1.0 };
+                    sub((bulge * (turn * Vector3::from(*p))).into(), *p)
+                }),
+            );
+            let moved = made.positions(&made.carried(&q));
+            for pair in part.windows(2) {
+                let [a, b] = [pair[0] as usize, pair[1] as usize];
+                let [before, after] = [&ball.positions, &moved].map(|p| distance(p[a], p[b]));
+                assert!((before - after).abs() < 1e-12);
+                if motion == PartMotion::Held {
+                    assert_eq!(moved[a], ball.positions[a]);
+                }
+            }
+        }
+    }
+
+    /// Rows are the derivatives of the linear motion, and small rotations of the exact one.
+    #[test]
+    fn rows_are_derivatives() {
+        let ball = icosphere(1.0, 2);
+        let parts = [
+            RigidPart {
+                vertices: lower(&ball, -0.5),
+                motion: PartMotion::Free,
+            },
+            RigidPart {
+                vertices: vec![0, 5],
+                motion: PartMotion::Free,
+            },
+        ];
+        let parts = match lower(&ball, -0.5).iter().any(|v| [0, 5].contains(v)) {
+            true => &parts[..1],
+            false => &parts[..],
+        };
+        let controls = icosphere(1.2, 0).positions;
+        let inner = Box::new(Dirichlet::new(&controls, &ball.positions).unwrap());
+        let made = RigidParts::new(&ball, inner, parts, 0.6).unwrap();
+        for k in 0..made.parameters() {
+            let mut q = DVector::zeros(made.parameters());
+            q[k] = 1e-4;
+            let exact = made.positions(&q);
+            for (v, by) in displacements(&made, &q).into_iter().enumerate() {
+                assert!(distance(exact[v], add(ball.positions[v], by)) < 1e-7, "{k} {v}");
+            }
+        }
+    }
+
+    /// At the seam of a part that moves, the slope of the displacement is continuous: halving the grid halves its jumps from one edge to the next.
+    #[test]
+    fn seams_have_no_crease() {
+        let worst = |columns: usize| {
+            let sheet = grid_sheet(10.0, 1.0, columns, 1);
+            let vertices: Vec<u32> = (0..sheet.positions.len() as u32)
+                .filter(|v| sheet.positions[*v as usize][0] < -2.0)
+                .collect();
+            let inner = Box::new(VertexDisplacements::new(&sheet.positions));
+            let part = RigidPart {
+                vertices,
+                motion: PartMotion::Free,
+            };
+            let made = RigidParts::new(&sheet, inner, &[part], 4.0).unwrap();
+            let mut q = DVector::zeros(made.parameters());
+            q[made.parameters() - NUMBERS + 2] = 1.0;
+            let step = 10.0 / columns as f64;
+            let heights: Vec<f64> = displacements(&made, &q)[..=columns].iter().map(|d| d[2]).collect();
+            assert!(heights[0] == 1.0 && heights[columns] == 0.0);
+            let slopes: Vec<f64> = heights.windows(2).map(|h| (h[1] - h[0]) / step).collect();
+            slopes.windows(2).map(|s| (s[1] - s[0]).abs()).fold(0.0, f64::max)
+        };
+        let (coarse, fine) = (worst(100), worst(200));
+        assert!(fine < 0.6 * coarse && fine < 0.02, "{coarse} {fine}");
+    }
+
+    #[test]
+    fn parts_that_make_no_sense_are_named() {
+        let ball = icosphere(1.0, 1);
+        let made = |lists: &[Vec<u32>], blend: f64| {
+            let parts: Vec<RigidPart> = (lists.iter().cloned())
+                .map(|vertices| RigidPart {
+                    vertices,
+                    motion: PartMotion::Held,
+                })
+                .collect();
+            let inner = Box::new(VertexDisplacements::new(&ball.positions));
+            RigidParts::new(&ball, inner, &parts, blend).err().unwrap().to_string()
+        };
+        assert!(made(&[vec![0, 999]], 1.0).contains("vertex 999"));
+        assert!(made(&[vec![0], vec![1, 0]], 1.0).contains("two rigid parts"));
+        assert!(made(&[vec![]], 1.0).contains("no vertices"));
+        assert!(made(&[vec![0]], -1.0).contains("length"));
+    }
+}

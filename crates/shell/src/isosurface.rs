@@ -1,0 +1,285 @@
+//! The surface of a shell as a mesh.
+//!
+//! Comes in: a [`Shell`], which of its surfaces is wanted, and the size of cells. Goes out: a manifold mesh, and how far from the exact surface it is.
+//!
+//! | surface | zero of |
+//! |---|---|
+//! | [`IsoLevel::Shell`] | the paper's field: two sheets, one on either side of the mesh, which meet around its borders |
+//! | [`IsoLevel::Outer`] | the same field, with everything that is inside of a closed mesh inside: its outer sheet |
+//! | [`IsoLevel::Offset`] | the smooth distance minus an offset, with the sign of the winding number (G. Barill et al. 2018); an offset of 0 is the mesh itself, made manifold |
+//!
+//! Cells through which the surface cannot pass are known by the distance of the nearest facet, and are not evaluated.
+//!
+//! Not guaranteed: what is thinner than a cell; sharp edges, which are cut off by chords.
+
+use crate::field::Shell;
+use planish_estimate::vector3::norm;
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, MeshCheck, TriangleMesh, WindingNumbers, isosurface};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Cells along the diagonal of the mesh's box where nothing is said.
+const USUAL_CELLS: f64 = 150.0;
+/// A step for slopes, as a share of a cell.
+const STEP: f64 = 1e-3;
+/// Facets whose middles are judged, at most.
+const MOST_JUDGED: usize = 20_000;
+
+/// Which surface of a shell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum IsoLevel {
+    /// `F = 0` of the paper's field, both sheets.
+    Shell,
+    /// The outer sheet of `F = 0`, of closed meshes.
+    Outer,
+    /// The smooth distance is so much, negative inside; of closed meshes.
+    Offset(f64),
+}
+
+/// How a surface is meshed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IsoOptions {
+    /// Which surface.
+    pub level: IsoLevel,
+    /// Side of a cell, in the unit of the mesh; 1/150 of the diagonal of its box where none is given.
+    pub cell: Option<f64>,
+}
+
+/// A surface, and how true it is.
+#[derive(Debug, Clone)]
+pub struct IsoSurface {
+    /// The mesh, facing outwards.
+    pub mesh: TriangleMesh,
+    /// What kind of mesh it is.
+    pub check: MeshCheck,
+    /// The side of its cells.
+    pub cell: f64,
+    /// Distance of the middles of facets (of 20 000 at most, evenly taken) from the exact surface, to first order: root mean square. Vertices are on it to within a millionth of a cell.
+    pub deviation_rms: f64,
+    /// The largest of these distances.
+    pub deviation_max: f64,
+}
+
+/// Meshes a surface of a shell.
+///
+/// # Errors
+/// `Input` for cells or an offset that make no sense; `Undetermined` where inside and outside are asked of a mesh that is open, or where nothing has so low a field; `Unsupported` for too many cells.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::{IsoLevel, IsoOptions, Metaball, Shell, ShellOptions, iso_surface};
+/// let ball = icosphere(1.0, 3);
+/// let shell = Shell::new(&ball, &ShellOptions::new(Metaball::Triangular, 50.0))?;
+/// let made = iso_surface(&shell, &IsoOptions { level: IsoLevel::Offset(0.2), cell: Some(0.1) })?;
+/// assert!(made.check.watertight && made.check.manifold && made.deviation_max < 0.01);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface> {
+    let bounds = BoundingBox::of(&shell.mesh().positions)
+        .ok_or_else(|| Error::undetermined("a mesh without vertices has no surface"))?;
+    let cell = options.cell.unwrap_or(bounds.diagonal() / USUAL_CELLS);
+    if !(cell.is_finite() && cell > 0.0) {
+        return Err(Error::input(format!("cells have a positive size, got {cell}")));
+    }
+    let winding = match options.level {
+        IsoLevel::Shell => None,
+        IsoLevel::Outer | IsoLevel::Offset(_) => {
+            let open = welded(shell.mesh()).check().boundary_edges;
+            if open > 0 {
+                return Err(Error::undetermined(format!(
+                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its shell, or close it"
+                )));
+            }
+            Some(WindingNumbers::new(shell.mesh()))
+        }
+    };
+    let is_inside = |at: [f64; 3]| winding.as_ref().is_some_and(|w| w.at(at) > 0.5);
+    // Distances of the nearest facet between which the surface may pass.
+    let [low, high] = match options.level {
+        IsoLevel::Shell | IsoLevel::Outer => shell.band(),
+        IsoLevel::Offset(offset) if offset.is_finite() => [offset.abs() - shell.slack(), offset.abs()],
+        IsoLevel::Offset(offset) => {
+            return Err(Error::input(format!("an offset is a length, got {offset}")));
+        }
+    };
+    let value = |at: [f64; 3]| match options.level {
+        IsoLevel::Shell => shell.level(at),
+        IsoLevel::Outer => match (shell.level(at), is_inside(at)) {
+            (level, true) => -level.abs(),
+            (level, false) => level,
+        },
+        IsoLevel::Offset(offset) => match (shell.unsigned_distance(at), is_inside(at)) {
+            (far, true) => -far - offset,
+            (far, false) => far - offset,
+        },
+    };
+    // Where the sign flips in the mesh itself, values on both sides of it matter.
+    let flips = winding.is_some();
+    let radius = shell.largest_radius();
+    let may_pass = |at: [f64; 3], reach: f64| {
+        let nearest = shell.nearest(at);
+        nearest - reach <= high && (nearest + reach >= low || (flips && nearest <= reach + radius))
+    };
+    let around = high.max(0.0) + 2.0 * cell;
+    let bounds = BoundingBox {
+        min: bounds.min.map(|x| x - around),
+        max: bounds.max.map(|x| x + around),
+    };
+    let mesh = isosurface(&bounds, cell, value, may_pass)?;
+    if mesh.triangles.is_empty() {
+        return Err(Error::undetermined(
+            "the surface is nowhere: a shell needs a thickness above ln(T)/k, an inner offset less than half the thickness of the thing, and cells smaller than either",
+        ));
+    }
+    let every = mesh.triangles.len().div_ceil(MOST_JUDGED).max(1);
+    let places: Vec<[f64; 3]> = (0..mesh.triangles.len())
+        .step_by(every)
+        .map(|t| mesh.point_at(t, [1.0 / 3.0; 3]))
+        .collect();
+    let deviations: Vec<f64> = (places.par_iter()).map(|at| deviation(*at, cell, &value)).collect();
+    Ok(IsoSurface {
+        check: mesh.check(),
+        mesh,
+        cell,
+        deviation_rms: (deviations.iter().map(|d| d * d).sum::<f64>() / deviations.len() as f64).sqrt(),
+        deviation_max: deviations.iter().copied().fold(0.0, f64::max),
+    })
+}
+
+/// How far a place near a zero surface is from it, to first order: value over slope.
+fn deviation(at: [f64; 3], cell: f64, value: &(impl Fn([f64; 3]) -> f64 + Sync)) -> f64 {
+    let here = value(at);
+    let step = STEP * cell;
+    let slope: [f64; 3] = std::array::from_fn(|k| {
+        let mut at = at;
+        at[k] += step;
+        (value(at) - here) / step
+    });
+    // Between two facets the value has a ridge, and is a distance all the same.
+    here.abs() / norm(slope).clamp(0.5, 1.0)
+}
+
+/// A mesh with vertices at one place made one.
+fn welded(mesh: &TriangleMesh) -> TriangleMesh {
+    let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
+    let of: Vec<u32> = (mesh.positions.iter().enumerate())
+        .map(|(v, p)| *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
+        .collect();
+    TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| of[v as usize])).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Metaball, ShellOptions};
+    use planish_mesh::{grid_sheet, icosphere};
+
+    fn made(mesh: &TriangleMesh, shell: &ShellOptions, level: IsoLevel, cell: f64) -> IsoSurface {
+        let shell = Shell::new(mesh, shell).unwrap();
+        let made = iso_surface(
+            &shell,
+            &IsoOptions {
+                level,
+                cell: Some(cell),
+            },
+        )
+        .unwrap();
+        assert!(
+            made.check.watertight && made.check.manifold && made.check.oriented,
+            "{:?}",
+            made.check
+        );
+        made
+    }
+
+    /// Radii of an offset ball are what was asked for; its two sheets are one ball in another, its outer sheet is one.
+    #[test]
+    fn surfaces_of_a_ball_are_balls() {
+        let ball = icosphere(1.0, 3);
+        let shell = ShellOptions {
+            thickness: 0.1,
+            ..ShellOptions::new(Metaball::Triangular, 100.0)
+        };
+        for offset in [0.15, -0.2, 0.0] {
+            let found = made(&ball, &shell, IsoLevel::Offset(offset), 0.1);
+            assert_eq!(found.check.euler_characteristic, 2);
+            for p in &found.mesh.positions {
+                assert!((norm(*p) - 1.0 - offset).abs() < 0.03, "{offset}: {}", norm(*p));
+            }
+            assert!(found.deviation_rms <= found.deviation_max && found.deviation_max < 0.02);
+        }
+        let both = made(&ball, &shell, IsoLevel::Shell, 0.06);
+        assert_eq!((both.check.components, both.check.euler_characteristic), (2, 4));
+        let outer = made(&ball, &shell, IsoLevel::Outer, 0.06);
+        assert_eq!((outer.check.components, outer.check.euler_characteristic), (1, 2));
+        // The bulge: fields of several facets add up.
+        for p in &outer.mesh.positions {
+            assert!((0.09..0.2).contains(&(norm(*p) - 1.0)), "{}", norm(*p));
+        }
+        let shell = Shell::new(&ball, &shell).unwrap();
+        for p in &outer.mesh.positions {
+            assert!(shell.level(*p).abs() < 1e-5 && shell.field(*p).abs() < 1e-2);
+        }
+    }
+
+    /// A sheet has no inside, but a shell all around.
+    #[test]
+    fn open_meshes_have_a_closed_shell_and_no_offset() {
+        let mut sheet = grid_sheet(1.0, 1.0, 8, 8);
+        sheet.positions.iter_mut().for_each(|p| p[2] = 0.1 * (3.0 * p[0]).sin());
+        let options = ShellOptions {
+            thickness: 0.12,
+            ..ShellOptions::new(Metaball::Triangular, 60.0)
+        };
+        assert_eq!(
+            made(&sheet, &options, IsoLevel::Shell, 0.05).check.euler_characteristic,
+            2
+        );
+        let shell = Shell::new(&sheet, &options).unwrap();
+        let asked = |level| {
+            iso_surface(
+                &shell,
+                &IsoOptions {
+                    level,
+                    cell: Some(0.05),
+                },
+            )
+            .unwrap_err()
+            .to_string()
+        };
+        assert!(asked(IsoLevel::Offset(0.1)).contains("open edges"));
+        let thin = ShellOptions {
+            threshold: 1e9,
+            ..options
+        };
+        let thin = Shell::new(&sheet, &thin).unwrap();
+        let nothing = iso_surface(
+            &thin,
+            &IsoOptions {
+                level: IsoLevel::Shell,
+                cell: Some(0.05),
+            },
+        );
+        assert!(nothing.unwrap_err().to_string().contains("nowhere"));
+    }
+
+    /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole decide.
+    #[test]
+    fn crossing_balls_have_one_outer_surface() {
+        let mut two = icosphere(1.0, 3);
+        let first = two.positions.len() as u32;
+        let other = icosphere(1.0, 3);
+        two.positions
+            .extend(other.positions.iter().map(|p| [p[0] + 1.1, p[1], p[2]]));
+        two.triangles
+            .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        let options = ShellOptions::new(Metaball::Triangular, 60.0);
+        let found = made(&two, &options, IsoLevel::Offset(0.1), 0.08);
+        assert_eq!((found.check.components, found.check.euler_characteristic), (1, 2));
+    }
+}
