@@ -7,7 +7,7 @@
 //! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn` as `v`, they belong together in order:
 //! so do point clouds write them. A comment `# unit mm` names the unit.
 //!
-//! [`read_textured`] also takes texture coordinates, groups, objects and materials ([`crate::textured`]); elsewhere they are passed over.
+//! [`crate::textured::read_textured`] also takes texture coordinates, groups, objects and materials; elsewhere they are passed over.
 //!
 //! Not guaranteed: free-form curves and surfaces are passed over.
 //!

@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release -p planish --example shell_accuracy POINTS CONTROLS MESH...`
 
+#![allow(clippy::print_stdout, reason = "a program whose output is its table")]
+
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::vector3::{add, add_scaled, dot, sub};
 use planish_estimate::{Error, Result};
@@ -175,7 +177,7 @@ fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball:
         rms(&ours) / sigma,
         rms(&theirs) / sigma,
         rms(&ours) / rms(&theirs),
-        f64::from(covered) / judged.len() as f64,
+        covered as f64 / judged.len() as f64,
         found as f64 / (good.len() - of_good) as f64,
         lost as f64 / of_good as f64
     );

@@ -36,8 +36,17 @@ pub(super) enum Refit {
 /// A vertex of a patch.
 type Place = (u32, u32);
 
+/// Vertices that belong together, each with its weight.
 struct Piece {
     members: Vec<(Place, f64)>,
+}
+
+/// Where a piece says that a vertex is.
+struct Said {
+    place: Place,
+    weight: f64,
+    position: [f64; 3],
+    sigma: f64,
 }
 
 /// Places and σ of all vertices. `mean` are those without a refit, which blend in where patches end.
@@ -79,7 +88,7 @@ pub(super) fn refitted(
             }
             pieces.push(Piece { members });
         }
-        let fits: Vec<Vec<(Place, f64, [f64; 3], f64)>> = pieces
+        let fits: Vec<Vec<Said>> = pieces
             .par_iter()
             .map(|piece| fit(piece, patches, overlap, how).unwrap_or_default())
             .collect();
@@ -90,10 +99,10 @@ pub(super) fn refitted(
                     weight[*p as usize][*v as usize] -= w;
                 }
             }
-            for ((p, v), w, to, s) in fit {
-                let (p, v) = (p as usize, v as usize);
-                moved[p][v] = add_scaled(moved[p][v], w, to);
-                sigma[p][v] += w * s;
+            for said in fit {
+                let (p, v) = (said.place.0 as usize, said.place.1 as usize);
+                moved[p][v] = add_scaled(moved[p][v], said.weight, said.position);
+                sigma[p][v] += said.weight * said.sigma;
             }
         }
     }
@@ -132,7 +141,7 @@ fn within_others(patches: &[Patch], overlap: &Overlap, (p, v): Place) -> f64 {
         .fold(0.0, f64::max)
 }
 
-fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Result<Vec<(Place, f64, [f64; 3], f64)>> {
+fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Result<Vec<Said>> {
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
     let of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
     let count = piece.members.len() as f64;
@@ -188,7 +197,12 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
             let found = field.at(reading.place)?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
-            Some((*member, *w, to, (found.variance / slope).sqrt()))
+            Some(Said {
+                place: *member,
+                weight: *w,
+                position: to,
+                sigma: (found.variance / slope).sqrt(),
+            })
         })
         .collect())
 }

@@ -9,6 +9,11 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::Loss;
 use rayon::prelude::*;
 
+/// A vertex, and the derivative by where it is.
+pub(super) type ByVertex = (u32, [f64; 3]);
+/// A pose in the state, and the derivative by its six numbers.
+pub(super) type ByPose = (u32, [f64; 6]);
+
 /// Numbers that the partial sums of one pass hold together, at most.
 const SUMS: usize = 40_000_000;
 
@@ -107,7 +112,7 @@ impl Equations {
     }
 
     /// Each equation with its entries.
-    pub(super) fn iter(&self) -> impl Iterator<Item = (&Equation, &[(u32, [f64; 3])], &[(u32, [f64; 6])])> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&Equation, &[ByVertex], &[ByPose])> {
         let (mut vertices, mut poses) = (0, 0);
         self.list.iter().map(move |equation| {
             let own = &self.by_vertices[vertices..equation.vertices_end as usize];

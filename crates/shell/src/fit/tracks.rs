@@ -7,7 +7,7 @@
 //!
 //! Not guaranteed: a place where lines of sight are all but parallel.
 
-use super::equations::{Equations, Source};
+use super::equations::{ByVertex, Equations, Source};
 use super::readings::FeatureTrack;
 use crate::camera::Camera;
 use crate::field::{Share, Shell};
@@ -58,6 +58,9 @@ fn linearized(
     Some((residual, by_place, found))
 }
 
+/// What vertices of the deformed mesh one of the wrapped mesh is made of, with the derivatives by them.
+type Give<'a> = dyn Fn(u32, [f64; 3], &mut Vec<ByVertex>) + 'a;
+
 /// Adds the equations of one track. `slots` says which cameras have a pose in the state, `give` what vertices of the wrapped mesh are of that which is deformed.
 pub(super) fn add(
     track: &FeatureTrack,
@@ -65,7 +68,7 @@ pub(super) fn add(
     (cameras, slots): (&[Camera], &[Option<u32>]),
     shell: &Shell<'_>,
     shares: &mut Vec<Share>,
-    give: &dyn Fn(u32, [f64; 3], &mut Vec<(u32, [f64; 3])>),
+    give: &Give<'_>,
     made: &mut Equations,
 ) -> Option<()> {
     let mut at = triangulated(track, cameras)?;
