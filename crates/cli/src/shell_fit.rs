@@ -16,7 +16,7 @@ const SHELL_FIT_EXAMPLES: &str = "\
 Examples:
   planish shell fit mesh.obj --points cloud.ply -o fitted.ply -o fitted.glb
   planish shell fit ball.ply --silhouettes views.toml --controls 100 -o fitted.ply
-  planish shell fit mesh.ply --points cloud.ply --silhouettes views.toml --metaball spherical -o fitted.obj
+  planish shell fit mesh.ply --points cloud.ply --silhouettes views.toml -o fitted.obj
   planish shell fit body.ply --sequence frames --controls 40 -o moved.ply
 
 Points are read as by `planish fit`, with σ or covariance where the file has them. views.toml holds a table [[view]] for each view: K, R and t (X_camera = R X + t; x right, y down, pixel \

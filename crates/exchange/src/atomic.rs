@@ -261,6 +261,18 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
+/// The paths in a folder, in the order of their names.
+///
+/// # Errors
+/// `Io` where the folder cannot be read.
+pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).and_then(|entries| entries.map(|e| e.map(|e| e.path())).collect());
+    let mut paths: Vec<PathBuf> =
+        entries.map_err(|e| Error::io(format!("{}: could not be read", folder.display())).with_source(e))?;
+    paths.sort();
+    Ok(paths)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,7 +6,7 @@
 //! | [`obj`] | OBJ | points and meshes in; meshes out |
 //! | [`stl`] | STL, binary and ASCII | points and meshes in; meshes out |
 //! | [`glb`] | GLB, binary glTF 2.0 | points and meshes in; meshes out |
-//! | [`off`] | OFF | meshes in and out |
+//! | [`off`] | OFF | points and meshes in; meshes out |
 //! | [`mesh`] | whichever of these five | meshes in and out |
 //! | [`textured`] | OBJ with MTL | meshes with texture coordinates and named parts, in and out |
 //! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
@@ -68,7 +68,7 @@ mod several;
 mod source;
 mod unit;
 
-pub use atomic::{FolderInWork, Writer, check_writable, make_folder, real_path, write_atomically};
+pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::extension;

@@ -12,9 +12,10 @@ use std::io::Read;
 use std::path::Path;
 
 use planish_estimate::{Error, Result};
+use planish_sense::Scan;
 
 use crate::atomic::write_packed;
-use crate::mesh::{MeshColumns, PolygonMesh};
+use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Bytes of the shortest line of a vertex, `0 0 0`.
@@ -27,6 +28,16 @@ const SHORTEST: u64 = 5;
 /// finite, and corners that are not there: with file and line; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for binary files and four dimensions.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
+}
+
+/// Reads the vertices as points of a scan.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_scan(path: &Path) -> Result<Scan> {
+    read_file(path, |mut source, name| {
+        scan_of_vertices(mesh_from(&mut source)?.points.into_iter(), &[], name)
+    })
 }
 
 /// Writes positions and triangles; columns, normals and units have no place in OFF.

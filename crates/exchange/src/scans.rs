@@ -1,6 +1,6 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `glb`, `npy`, `npz`, `xyz`, `txt`, `asc`, `csv`, `pts`), of
+//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`, `xyz`, `txt`, `asc`, `csv`, `pts`), of
 //! depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans (`conf`, `toml`), mixed at
 //! will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of threads.
 //! Not guaranteed: that scans overlap, or share a frame where no pose was given.
@@ -24,7 +24,7 @@ use crate::several::several;
 use crate::source::{extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
-use crate::{GeoReference, Unit, glb, obj, stl};
+use crate::{GeoReference, Unit, glb, obj, off, stl};
 
 /// Everything that was read for one fit.
 #[derive(Debug, Clone, Default)]
@@ -222,6 +222,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
         "npz" => read_npz(path).map(|scan| (scan, None)),
         "obj" => obj::read_scan_and_unit(path),
         "stl" => stl::read_scan_and_unit(path),
+        "off" => off::read_scan(path).map(|scan| (scan, None)),
         "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         list @ ("conf" | "toml") => Err(Error::input(format!(
@@ -241,7 +242,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
                 other => format!("the extension `{other}`"),
             };
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {found}",
+                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {found}",
                 path.display()
             )))
         }

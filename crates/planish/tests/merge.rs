@@ -102,7 +102,7 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
         assert!((0.8..1.25).contains(&normalized), "{method:?}: {normalized}");
         rms.push(error);
     }
-    assert!(rms[0] < 0.95 * SIGMA && rms[2] < 0.6 * rms[0], "{rms:?}");
+    assert!(rms[0] < 0.95 * SIGMA && rms[2] < 0.7 * rms[0], "{rms:?}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::read_brightness;
 use planish_exchange::views::{ViewFile, Views, read_views};
-use planish_exchange::{Unit, read_inputs};
+use planish_exchange::{Unit, paths_in, read_inputs};
 use planish_mesh::TriangleMesh;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
@@ -114,24 +114,13 @@ impl Frame {
 
 /// The frames of a folder: its folders by name, each with `views.toml`, files `points.*`, or both.
 pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
-    let list = |folder: &Path| -> Result<Vec<PathBuf>> {
-        let entries = std::fs::read_dir(folder).and_then(|entries| {
-            entries
-                .map(|entry| entry.map(|e| e.path()))
-                .collect::<std::io::Result<Vec<_>>>()
-        });
-        let mut paths =
-            entries.map_err(|e| Error::io(format!("{}: could not be read", folder.display())).with_source(e))?;
-        paths.sort();
-        Ok(paths)
-    };
     let mut frames = Vec::new();
-    for path in list(folder)?.into_iter().filter(|path| path.is_dir()) {
+    for path in paths_in(folder)?.into_iter().filter(|path| path.is_dir()) {
         let mut frame = FrameFiles {
             name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             ..FrameFiles::default()
         };
-        for file in list(&path)? {
+        for file in paths_in(&path)? {
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             if name == "views.toml" {
                 frame.silhouettes = Some(file);
