@@ -64,54 +64,55 @@ fn text(args: &MergeArgs, report: &MergeReport) -> String {
     ));
     lines.gap();
     let sigma = &report.sigma;
-    let mut fact = |name: &str, text: String| lines.line(format!("  {name:<17} {text}"));
-    fact(
-        "σ",
-        format!(
-            "median {} {unit}, 95 % below {} {unit}, largest {} {unit}{}",
-            significant(sigma.median, 3),
-            significant(sigma.p95, 3),
-            significant(sigma.max, 3),
-            if report.sigma_estimated {
-                " (told from how patches differ)"
-            } else {
-                ""
-            }
-        ),
-    );
-    fact(
-        "topology",
-        format!(
-            "{} {}, {} open edges, {} edges of three triangles and more",
-            report.parts,
-            if report.parts == 1 { "part" } else { "parts" },
-            count(report.boundary_edges),
-            report.nonmanifold_edges
-        ),
-    );
     let most = report.valence.iter().skip(7).sum::<usize>();
-    fact(
-        "seams",
-        format!(
-            "{} triangles, {} holes closed; {} of {} vertices have more than six edges",
-            count(report.stitched_triangles),
-            count(report.holes_closed),
-            count(most),
-            count(report.valence.iter().sum())
-        ),
-    );
-    if let Some(q) = &report.quality {
-        fact(
-            "triangles",
+    lines.facts([
+        (
+            "σ",
             format!(
-                "smallest angle {:.1}° in the median, 99 % above {:.1}°; longest edge over height {:.2} in the median, 99 % below {}",
-                q.smallest_angle_median_deg,
-                q.smallest_angle_p1_deg,
-                q.aspect_median,
-                significant(q.aspect_p99, 3)
+                "median {} {unit}, 95 % below {} {unit}, largest {} {unit}{}",
+                significant(sigma.median, 3),
+                significant(sigma.p95, 3),
+                significant(sigma.max, 3),
+                if report.sigma_estimated {
+                    " (told from how patches differ)"
+                } else {
+                    ""
+                }
             ),
-        );
-    }
+        ),
+        (
+            "topology",
+            format!(
+                "{} {}, {} open edges, {} edges of three triangles and more",
+                report.parts,
+                if report.parts == 1 { "part" } else { "parts" },
+                count(report.boundary_edges),
+                report.nonmanifold_edges
+            ),
+        ),
+        (
+            "seams",
+            format!(
+                "{} triangles, {} holes closed; {} of {} vertices have more than six edges",
+                count(report.stitched_triangles),
+                count(report.holes_closed),
+                count(most),
+                count(report.valence.iter().sum())
+            ),
+        ),
+        (
+            "triangles",
+            report.quality.as_ref().map_or_else(String::new, |q| {
+                format!(
+                    "smallest angle {:.1}° in the median, 99 % above {:.1}°; longest edge over height {:.2} in the median, 99 % below {}",
+                    q.smallest_angle_median_deg,
+                    q.smallest_angle_p1_deg,
+                    q.aspect_median,
+                    significant(q.aspect_p99, 3)
+                )
+            }),
+        ),
+    ]);
     lines.gap();
     let rows: Vec<Vec<String>> = report
         .patches
@@ -164,14 +165,12 @@ fn text(args: &MergeArgs, report: &MergeReport) -> String {
             count(report.regions.len() - SHOWN)
         ));
     }
+    lines.gap();
     if args.output.is_empty() {
-        lines.gap();
         lines.line("Nothing was written: give -o FILE.");
-    } else {
-        lines.gap();
-        for path in &args.output {
-            lines.line(format!("Wrote {}", path.display()));
-        }
+    }
+    for path in &args.output {
+        lines.line(format!("Wrote {}", path.display()));
     }
     lines.into_text()
 }

@@ -3,7 +3,8 @@
 use crate::shell_fit::ShellFitArgs;
 use crate::shell_mesh::ShellMeshArgs;
 use crate::shell_pose::ShellPoseArgs;
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
+use planish::shell::surface::Metaball;
 
 /// Arguments of `planish shell`.
 #[derive(Debug, Args)]
@@ -23,4 +24,24 @@ pub enum ShellCommand {
     Mesh(ShellMeshArgs),
     /// Pose a mesh by moving a few controls, and write it with its texture and its poses
     Pose(ShellPoseArgs),
+}
+
+/// A kind of metaballs on the command line.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; the names are the kinds"
+)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MetaballName {
+    Triangular,
+    Spherical,
+}
+
+impl From<MetaballName> for Metaball {
+    fn from(name: MetaballName) -> Self {
+        match name {
+            MetaballName::Triangular => Self::Triangular,
+            MetaballName::Spherical => Self::Spherical,
+        }
+    }
 }

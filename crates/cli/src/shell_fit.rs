@@ -3,10 +3,11 @@
 use crate::args::{CommonArgs, positive};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
+use crate::shell_args::MetaballName;
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::fit::{DeformationKind, Metaball, ReadingsReport, ShellFitJob, ShellFitReport, shell_fit_files};
+use planish::shell::fit::{DeformationKind, ReadingsReport, ShellFitJob, ShellFitReport, shell_fit_files};
 use std::path::PathBuf;
 
 /// Controls beyond this make equations too large.
@@ -89,26 +90,6 @@ impl From<DeformationName> for DeformationKind {
             DeformationName::Lattice => Self::Lattice,
             DeformationName::Vertices => Self::Vertices,
             DeformationName::Modes => Self::Modes,
-        }
-    }
-}
-
-/// A kind of metaballs on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the kinds"
-)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MetaballName {
-    Triangular,
-    Spherical,
-}
-
-impl From<MetaballName> for Metaball {
-    fn from(name: MetaballName) -> Self {
-        match name {
-            MetaballName::Triangular => Self::Triangular,
-            MetaballName::Spherical => Self::Spherical,
         }
     }
 }

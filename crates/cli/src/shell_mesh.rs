@@ -3,10 +3,11 @@
 use crate::args::{CommonArgs, positive};
 use crate::numbers::{count, significant};
 use crate::report::{self, Lines, Summary};
+use crate::shell_args::MetaballName;
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::surface::{IsoLevel, Metaball, ShellMeshJob, ShellMeshReport, shell_mesh_files};
+use planish::shell::surface::{IsoLevel, ShellMeshJob, ShellMeshReport, shell_mesh_files};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -67,17 +68,6 @@ pub enum SurfaceName {
     Offset,
 }
 
-/// A metaball on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the metaballs"
-)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MetaballName {
-    Triangular,
-    Spherical,
-}
-
 /// Runs the command; returns the exit code.
 pub fn run(args: &ShellMeshArgs) -> u8 {
     report::run("shell mesh", &args.common, |progress| work(args, progress))
@@ -91,10 +81,7 @@ fn work(args: &ShellMeshArgs, progress: &dyn Progress) -> Result<Summary<ShellMe
             SurfaceName::Outer => IsoLevel::Outer,
             SurfaceName::Offset => IsoLevel::Offset(args.offset),
         },
-        metaball: match args.metaball {
-            MetaballName::Triangular => Metaball::Triangular,
-            MetaballName::Spherical => Metaball::Spherical,
-        },
+        metaball: args.metaball.into(),
         thickness: args.thickness,
         softness: args.softness,
         threshold: args.threshold,

@@ -30,6 +30,7 @@ mod facet_tree;
 mod isosurface;
 mod merge;
 mod mesh;
+mod neighbours;
 mod packet;
 mod primitives;
 mod ray;
@@ -45,10 +46,11 @@ pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
 pub use isosurface::isosurface;
 pub use merge::{
-    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused, taper,
-    zipped,
+    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused,
+    searches_of, taper, zipped,
 };
 pub use mesh::{BoundingBox, TriangleMesh};
+pub use neighbours::Neighbours;
 pub use primitives::{cylinder, grid_sheet, icosphere};
 pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};

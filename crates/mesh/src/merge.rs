@@ -15,7 +15,7 @@ mod overlap;
 mod ownership;
 mod valence;
 
-pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap};
+pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap, searches_of};
 
 use crate::check::Sets;
 use crate::mesh::TriangleMesh;

@@ -161,6 +161,31 @@ fn observed_of(mark: f64) -> Observed {
         .unwrap_or_default()
 }
 
+impl ComparedMesh {
+    /// A mesh as it was read from a file, with its columns `sigma` and `observed`.
+    ///
+    /// # Errors
+    /// `Input` for a σ that is negative or not finite, and for triangles that make no mesh.
+    pub(crate) fn of_file(file: PolygonMesh, path: &Path) -> Result<Self> {
+        let sigma = file.column("sigma").map(<[f64]>::to_vec);
+        if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Error::input(format!(
+                "{}: vertex {at}: needed sigma ≥ 0, found {}",
+                path.display(),
+                sigma.unwrap_or_default()[at]
+            )));
+        }
+        Ok(Self {
+            sigma,
+            observed: file
+                .column("observed")
+                .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),
+            unit: file.unit,
+            mesh: TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?,
+        })
+    }
+}
+
 impl Compared {
     /// Reads a `.planish` model or a mesh: PLY, OBJ, STL or GLB.
     ///
@@ -177,23 +202,7 @@ impl Compared {
                         path.display()
                     )));
                 }
-                let sigma = file.column("sigma").map(<[f64]>::to_vec);
-                if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
-                    return Err(Error::input(format!(
-                        "{}: vertex {at}: needed sigma ≥ 0, found {}",
-                        path.display(),
-                        sigma.unwrap_or_default()[at]
-                    )));
-                }
-                Ok(Self::Mesh(ComparedMesh {
-                    sigma,
-                    observed: file
-                        .column("observed")
-                        .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),
-                    unit: file.unit,
-                    mesh: TriangleMesh::try_new(file.points, file.triangles)
-                        .map_err(|e| e.in_context(path.display()))?,
-                }))
+                ComparedMesh::of_file(file, path).map(Self::Mesh)
             }
             other => Err(Error::unsupported(format!(
                 "{}: needed a model (.planish) or a mesh (.ply, .obj, .stl, .glb), found the extension `{other}`",

@@ -11,15 +11,17 @@ mod patches;
 
 pub use patches::{NamedPatch, PatchSet, read_patches};
 
+use crate::mesh_output::write_known_mesh;
+use crate::model::SigmaSummary;
 use crate::output::plan_outputs;
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::{
-    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, zipped,
+    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, searches_of,
+    zipped,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -118,8 +120,8 @@ pub struct MergeReport {
     pub patches: Vec<PatchReport>,
     /// Whether σ was told from how patches differ where none was stated.
     pub sigma_estimated: bool,
-    /// Quantiles of σ of the whole.
-    pub sigma: MergedSigma,
+    /// Quantiles of σ of the whole, over its vertices.
+    pub sigma: SigmaSummary,
     /// Triangles that sew patches together.
     pub stitched_triangles: usize,
     /// Holes closed.
@@ -136,17 +138,6 @@ pub struct MergeReport {
     pub unit: Unit,
     /// What a user should know.
     pub warnings: Vec<String>,
-}
-
-/// Quantiles over vertices.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct MergedSigma {
-    /// Median.
-    pub median: f64,
-    /// 95 of 100 are below.
-    pub p95: f64,
-    /// The largest.
-    pub max: f64,
 }
 
 /// A merged mesh.
@@ -195,14 +186,15 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
     let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
     progress.check("finding what patches share", 0.1)?;
-    let turned = turn_alike(&mut patches)?;
+    let (turned, searches) = turn_alike(&mut patches)?;
     for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
         warnings.push(format!(
             "{name} faced the other way than the patches that it lies on: it was turned over"
         ));
     }
-    let overlap = Overlap::find(
+    let overlap = Overlap::find_with(
         &patches,
+        &searches,
         &OverlapOptions {
             epsilon: options.epsilon,
             theta_rad: options.theta_deg.map(f64::to_radians),
@@ -213,7 +205,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         return Err(Error::undetermined(format!(
             "no two of the {} patches overlap: {}; check that they share one frame and unit, or give a larger --epsilon",
             patches.len(),
-            nearest(&patches, &names, unit)?
+            nearest(&patches, &searches, &names, unit)
         )));
     }
     for (k, name) in names.iter().enumerate() {
@@ -241,13 +233,6 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
     }
-    let median = |values: &[f64]| {
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        quantile_of_sorted(&sorted, 0.5)
-    };
-    let mut sorted = sewn.sigma.clone();
-    sorted.sort_by(f64::total_cmp);
     let report = MergeReport {
         method,
         vertices: check.vertices,
@@ -271,15 +256,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
                 triangles: patches[k].mesh.triangles.len(),
                 vertices_kept: kept[k],
                 turned_over: turned[k],
-                sigma: median(&overlap.patches[k].sigma),
+                sigma: SigmaSummary::of(overlap.patches[k].sigma.clone()).median,
             })
             .collect(),
         sigma_estimated: overlap.sigma_estimated,
-        sigma: MergedSigma {
-            median: quantile_of_sorted(&sorted, 0.5),
-            p95: quantile_of_sorted(&sorted, 0.95),
-            max: quantile_of_sorted(&sorted, 1.0),
-        },
+        sigma: SigmaSummary::of(sewn.sigma.clone()),
         stitched_triangles: check.triangles - sewn.kept,
         holes_closed: sewn.holes_closed,
         valence: sewn.valence.clone(),
@@ -321,30 +302,22 @@ pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
 /// Writes a merged mesh in the format of the path's extension.
 ///
 /// # Errors
-/// As [`write_mesh`].
+/// As [`write_known_mesh`].
 pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Result<()> {
     progress.check(WRITING_STAGE, 0.97)?;
-    write_mesh(
+    write_known_mesh(
         path,
-        &MeshColumns {
-            points: &merged.mesh.positions,
-            normals: Some(&merged.normals),
-            columns: vec![
-                ("sigma", Column::F64(&merged.sigma)),
-                ("observed", Column::U8(&merged.observed)),
-            ],
-            triangles: &merged.mesh.triangles,
-            unit: Some(merged.report.unit),
-        },
+        &merged.mesh,
+        &merged.normals,
+        &merged.sigma,
+        &merged.observed,
+        merged.report.unit,
     )
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is. Gives which were turned.
-fn turn_alike(patches: &mut [Patch]) -> Result<Vec<bool>> {
-    let searches: Vec<MeshSearch> = patches
-        .iter()
-        .map(|p| MeshSearch::try_new(&p.mesh))
-        .collect::<Result<_>>()?;
+/// Turns patches so that those that lie on one another face the same way, the largest as it is. Gives which were turned, and a search for each as it is then.
+fn turn_alike(patches: &mut [Patch]) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
+    let mut searches = searches_of(patches)?;
     let count = patches.len();
     // Sums of the cosines between normals of near places.
     let mut agree = vec![0.0; count * count];
@@ -387,19 +360,19 @@ fn turn_alike(patches: &mut [Patch]) -> Result<Vec<bool>> {
         }
     }
     let turned: Vec<bool> = turned.into_iter().map(|t| t == Some(true)).collect();
-    for (patch, _) in patches.iter_mut().zip(&turned).filter(|(_, t)| **t) {
+    for (k, patch) in patches.iter_mut().enumerate().filter(|(k, _)| turned[*k]) {
         for t in &mut patch.mesh.triangles {
             t.swap(1, 2);
         }
+        searches[k] = MeshSearch::try_new(&patch.mesh)?;
     }
-    Ok(turned)
+    Ok((turned, searches))
 }
 
 /// How near patches come that do not overlap, in words.
-fn nearest(patches: &[Patch], names: &[String], unit: Unit) -> Result<String> {
+fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: Unit) -> String {
     let mut best: Option<(f64, usize, usize)> = None;
-    for (j, there) in patches.iter().enumerate() {
-        let search = MeshSearch::try_new(&there.mesh)?;
+    for (j, search) in searches.iter().enumerate() {
         for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
             let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
             for p in here.mesh.positions.iter().step_by(step) {
@@ -411,10 +384,10 @@ fn nearest(patches: &[Patch], names: &[String], unit: Unit) -> Result<String> {
             }
         }
     }
-    Ok(match best {
+    match best {
         Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
         None => "they have no places".to_owned(),
-    })
+    }
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

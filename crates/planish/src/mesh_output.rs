@@ -155,17 +155,29 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
 /// # Errors
 /// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be written; nothing is left half-written.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
+    write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, mesh.unit)
+}
+
+/// Writes a mesh whose every vertex says how well it is known, as the path's extension says.
+///
+/// # Errors
+/// As [`write_model_mesh`].
+pub(crate) fn write_known_mesh(
+    path: &Path,
+    mesh: &TriangleMesh,
+    normals: &[[f64; 3]],
+    sigma: &[f64],
+    observed: &[u8],
+    unit: Unit,
+) -> Result<()> {
     write_mesh(
         path,
         &MeshColumns {
-            points: &mesh.mesh.positions,
-            normals: Some(&mesh.normals),
-            columns: vec![
-                ("sigma", Column::F64(&mesh.sigma)),
-                ("observed", Column::U8(&mesh.observed)),
-            ],
-            triangles: &mesh.mesh.triangles,
-            unit: Some(mesh.unit),
+            points: &mesh.positions,
+            normals: Some(normals),
+            columns: vec![("sigma", Column::F64(sigma)), ("observed", Column::U8(observed))],
+            triangles: &mesh.triangles,
+            unit: Some(unit),
         },
     )
 }

@@ -6,6 +6,7 @@ use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, Selec
 use planish_estimate::vector3::{add, dot};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
+use planish_mesh::quantile_of_sorted;
 use planish_spline::{PatchFilter, StateLayout, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -45,6 +46,23 @@ pub struct SigmaSummary {
     pub p95: f64,
     /// The largest.
     pub max: f64,
+}
+
+impl SigmaSummary {
+    /// Quantiles over values, all alike; zero of none.
+    #[must_use]
+    pub fn of(mut sigmas: Vec<f64>) -> Self {
+        sigmas.sort_by(f64::total_cmp);
+        let at = |share: f64| match sigmas.is_empty() {
+            true => 0.0,
+            false => quantile_of_sorted(&sigmas, share),
+        };
+        Self {
+            median: at(0.5),
+            p95: at(0.95),
+            max: at(1.0),
+        }
+    }
 }
 
 /// The pose of a scan.

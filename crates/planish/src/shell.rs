@@ -1,6 +1,6 @@
 //! `planish shell`: any mesh, wrapped in an implicit shell and moved by a few controls.
 
 pub mod fit;
-mod overlap;
+pub(crate) mod overlap;
 pub mod pose;
 pub mod surface;

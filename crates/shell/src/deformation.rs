@@ -18,6 +18,7 @@ pub use modes::{Modes, VertexDisplacements};
 pub use rigid::{PartMotion, RigidPart, RigidParts};
 
 use nalgebra::{DMatrix, DVector};
+use planish_estimate::vector3::add;
 use rayon::prelude::*;
 
 /// Vertices moved linearly by parameters.
@@ -61,6 +62,24 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f6
             })
         })
         .collect()
+}
+
+/// Where vertices that lay at some places come to lie.
+#[must_use]
+pub fn displaced(positions: &[[f64; 3]], deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
+    let by = displacements(deformation, q);
+    positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
+}
+
+/// `dᵀ ∂V_v/∂q` over the parameters.
+#[must_use]
+pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> DVector<f64> {
+    let mut row = DVector::zeros(deformation.basis());
+    deformation.row(vertex, direction, &mut |k, entry| row[k] += entry);
+    match deformation.reduction() {
+        Some(reduction) => reduction.tr_mul(&row),
+        None => row,
+    }
 }
 
 /// The parameters in the basis of the rows.

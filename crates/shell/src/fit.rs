@@ -30,7 +30,7 @@ pub use readings::{
 pub use sequence::{FrameFit, ShellTracker};
 
 use crate::camera::Camera;
-use crate::deformation::Deformation;
+use crate::deformation::{Deformation, parameter_row};
 use crate::field::Metaball;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Loss, Result, Termination};
@@ -167,12 +167,7 @@ impl ShellFit {
     /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d)`.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
-        let mut row = DVector::zeros(deformation.basis());
-        deformation.row(vertex, direction, &mut |k, entry| row[k] += entry);
-        let row = match deformation.reduction() {
-            Some(reduction) => reduction.tr_mul(&row),
-            None => row,
-        };
+        let row = parameter_row(deformation, vertex, direction);
         row.dot(&(&self.covariance * &row)).max(0.0).sqrt()
     }
 }

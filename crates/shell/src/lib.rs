@@ -19,7 +19,7 @@ pub use camera::Camera;
 pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, VertexDisplacements,
-    displacements,
+    displaced, displacements, parameter_row,
 };
 pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};

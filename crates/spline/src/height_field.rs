@@ -55,9 +55,7 @@ pub struct Height {
 /// A bicubic height field with its covariance.
 #[derive(Debug, Clone)]
 pub struct HeightField {
-    origin: [f64; 2],
-    cell: f64,
-    cells: [usize; 2],
+    grid: Grid,
     coefficients: Vec<f64>,
     covariance: SelectedInverse,
     /// τ, in cells.
@@ -143,12 +141,13 @@ impl HeightField {
     /// The height over a place; `None` outside of the cells.
     #[must_use]
     pub fn at(&self, place: [f64; 2]) -> Option<Height> {
-        let grid = Grid {
-            origin: self.origin,
-            cell: self.cell,
-            cells: self.cells,
-        };
-        let (nodes, local) = grid.locate(place)?;
+        let Grid { cell, .. } = self.grid;
+        let (first, local) = self.grid.locate(place);
+        // Rounding at the ends; what is not finite is nowhere.
+        if !local.iter().all(|t| (-1e-9..=1.0 + 1e-9).contains(t)) {
+            return None;
+        }
+        let nodes = self.grid.nodes(first);
         let [x, y] = local.map(cubic);
         let weights = |ox: usize, oy: usize| -> [f64; 16] { std::array::from_fn(|k| x[ox][k % 4] * y[oy][k / 4]) };
         let sum = |w: &[f64; 16]| -> f64 {
@@ -168,13 +167,14 @@ impl HeightField {
         }
         Some(Height {
             height: sum(&value),
-            slope: [sum(&weights(1, 0)) / self.cell, sum(&weights(0, 1)) / self.cell],
+            slope: [sum(&weights(1, 0)) / cell, sum(&weights(0, 1)) / cell],
             variance: self.dispersion * variance.max(0.0),
         })
     }
 }
 
 /// The cells of a field.
+#[derive(Debug, Clone, Copy)]
 struct Grid {
     origin: [f64; 2],
     cell: f64,
@@ -182,23 +182,14 @@ struct Grid {
 }
 
 impl Grid {
-    /// The sixteen control heights over a place, and where in its cell it is.
-    fn locate(&self, place: [f64; 2]) -> Option<([u32; 16], [f64; 2])> {
-        let mut first = [0; 2];
-        let mut local = [0.0; 2];
-        for k in 0..2 {
-            let t = (place[k] - self.origin[k]) / self.cell;
-            let end = self.cells[k] as f64;
-            // Rounding at the ends.
-            if !(t >= -1e-9 && t <= end + 1e-9) {
-                return None;
-            }
-            first[k] = (t.max(0.0) as usize).min(self.cells[k] - 1);
-            local[k] = t - first[k] as f64;
-        }
-        Some((self.nodes(first), local))
+    /// The cell under a place, the nearest where there is none, and where in it the place is.
+    fn locate(&self, place: [f64; 2]) -> ([usize; 2], [f64; 2]) {
+        let t: [f64; 2] = std::array::from_fn(|k| (place[k] - self.origin[k]) / self.cell);
+        let first: [usize; 2] = std::array::from_fn(|k| (t[k].max(0.0) as usize).min(self.cells[k] - 1));
+        (first, std::array::from_fn(|k| t[k] - first[k] as f64))
     }
 
+    /// The sixteen control heights of a cell.
     fn nodes(&self, first: [usize; 2]) -> [u32; 16] {
         std::array::from_fn(|k| ((first[1] + k / 4) * (self.cells[0] + 3) + first[0] + k % 4) as u32)
     }
@@ -221,19 +212,16 @@ impl Grid {
         }
         let mut data = BlockInformation::zeros(pattern, 1, 1)?;
         let mut squares = 0.0;
-        let mut of_cell: Vec<Vec<u32>> = vec![Vec::new(); self.cells[0] * self.cells[1]];
-        for (k, r) in readings.iter().enumerate() {
-            let t: [usize; 2] = std::array::from_fn(|c| {
-                (((r.place[c] - self.origin[c]) / self.cell).max(0.0) as usize).min(self.cells[c] - 1)
-            });
-            of_cell[t[1] * self.cells[0] + t[0]].push(k as u32);
+        let mut of_cell: Vec<Vec<(&HeightReading, [f64; 2])>> = vec![Vec::new(); self.cells[0] * self.cells[1]];
+        for r in readings {
+            let (first, local) = self.locate(r.place);
+            of_cell[first[1] * self.cells[0] + first[0]].push((r, local));
         }
         for (at, members) in of_cell.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
             let (mut matrix, mut vector) = ([0.0; 256], [0.0; 16]);
             let first = [at % self.cells[0], at / self.cells[0]];
-            for r in members.iter().map(|k| &readings[*k as usize]) {
-                let [x, y]: [[f64; 4]; 2] =
-                    std::array::from_fn(|c| cubic((r.place[c] - self.origin[c]) / self.cell - first[c] as f64)[0]);
+            for (r, local) in members {
+                let [x, y] = local.map(|t| cubic(t)[0]);
                 let w: [f64; 16] = std::array::from_fn(|k| x[k % 4] * y[k / 4]);
                 for i in 0..16 {
                     let scaled = r.information * w[i];
@@ -279,15 +267,12 @@ impl Grid {
         };
         let found = maximize_restricted_likelihood(&model, &search, evaluate)?;
         let (factor, coefficients) = at_weight(found.weight)?;
-        let scale = model.dispersion_at(found.weight, &evaluate(found.weight)?);
         Ok(HeightField {
-            origin: self.origin,
-            cell: self.cell,
-            cells: self.cells,
+            grid: *self,
             coefficients,
             covariance: SelectedInverse::new(&factor),
             weight: found.weight,
-            dispersion: scale,
+            dispersion: found.dispersion,
         })
     }
 }

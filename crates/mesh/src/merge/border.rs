@@ -2,6 +2,7 @@
 
 use super::manifold::{NONE, opposites};
 use crate::mesh::TriangleMesh;
+use crate::neighbours::Neighbours;
 use planish_estimate::vector3::distance;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -25,14 +26,14 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
     if queue.is_empty() {
         return far;
     }
-    let (starts, neighbours) = neighbours(mesh);
+    let neighbours = Neighbours::of(mesh);
     // Distances that are not negative compare like their bits.
     while let Some(Reverse((bits, v))) = queue.pop() {
         let here = f64::from_bits(bits);
         if here > far[v as usize] {
             continue;
         }
-        for &to in &neighbours[starts[v as usize] as usize..starts[v as usize + 1] as usize] {
+        for &to in neighbours.of_vertex(v) {
             let there = here + distance(mesh.positions[v as usize], mesh.positions[to as usize]);
             if there < far[to as usize] && there < limit {
                 far[to as usize] = there;
@@ -44,31 +45,6 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
         *d = d.min(limit);
     }
     far
-}
-
-/// The neighbours of every vertex along edges, those of vertex `v` from `starts[v]` to `starts[v + 1]`. Along inner edges each comes twice.
-fn neighbours(mesh: &TriangleMesh) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0_u32; mesh.positions.len() + 1];
-    for t in &mesh.triangles {
-        for &v in t {
-            starts[v as usize + 1] += 2;
-        }
-    }
-    for v in 0..mesh.positions.len() {
-        starts[v + 1] += starts[v];
-    }
-    let mut place = starts.clone();
-    let mut all = vec![0; 6 * mesh.triangles.len()];
-    for t in &mesh.triangles {
-        for k in 0..3 {
-            for other in [t[(k + 1) % 3], t[(k + 2) % 3]] {
-                let at = &mut place[t[k] as usize];
-                all[*at as usize] = other;
-                *at += 1;
-            }
-        }
-    }
-    (starts, all)
 }
 
 #[cfg(test)]

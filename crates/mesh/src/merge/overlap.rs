@@ -99,14 +99,26 @@ impl Overlap {
     /// `Input` for fewer than two patches, one without triangles, σ of another number than vertices, not finite or not positive.
     pub fn find(patches: &[Patch], options: &OverlapOptions) -> Result<Self> {
         check(patches, options)?;
-        let searches: Vec<MeshSearch> = patches
-            .par_iter()
-            .map(|p| MeshSearch::try_new(&p.mesh))
-            .collect::<Result<_>>()?;
+        Self::find_with(patches, &searches_of(patches)?, options)
+    }
+
+    /// [`Overlap::find`] by searches that are there already, one of each patch.
+    ///
+    /// # Errors
+    /// As [`Overlap::find`]; `Input` for another number of searches than patches.
+    pub fn find_with(patches: &[Patch], searches: &[MeshSearch], options: &OverlapOptions) -> Result<Self> {
+        check(patches, options)?;
+        if searches.len() != patches.len() {
+            return Err(Error::input(format!(
+                "{} patches and {} searches: one for each is needed",
+                patches.len(),
+                searches.len()
+            )));
+        }
         let mut known: Vec<PatchOverlap> = patches.par_iter().map(Self::alone).collect();
         let estimated = patches.iter().any(|p| p.sigma.is_empty());
         if estimated {
-            estimate_sigma(patches, &searches, &mut known);
+            estimate_sigma(patches, searches, &mut known);
         }
         let theta = |of: &PatchOverlap| {
             options.theta_rad.unwrap_or_else(|| {
@@ -116,7 +128,7 @@ impl Overlap {
         };
         let thetas: Vec<f64> = known.iter().map(theta).collect();
         let found: Vec<(Vec<u32>, Vec<OverlapFoot>)> = (0..patches.len())
-            .map(|i| feet_of(i, patches, &searches, &known, &thetas, options))
+            .map(|i| feet_of(i, patches, searches, &known, &thetas, options))
             .collect();
         for (known, (starts, feet)) in known.iter_mut().zip(found) {
             known.starts = starts;
@@ -158,6 +170,14 @@ impl Overlap {
             feet: Vec::new(),
         }
     }
+}
+
+/// A search for each patch.
+///
+/// # Errors
+/// As [`MeshSearch::try_new`].
+pub fn searches_of(patches: &[Patch]) -> Result<Vec<MeshSearch>> {
+    patches.par_iter().map(|p| MeshSearch::try_new(&p.mesh)).collect()
 }
 
 fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {

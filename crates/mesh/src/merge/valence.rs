@@ -147,11 +147,11 @@ impl<'a> Net<'a> {
         };
         let before = off(a, 0) + off(b, 0) + off(c, 0) + off(d, 0);
         let after = off(a, -1) + off(b, -1) + off(c, 1) + off(d, 1);
-        self.folds([a, b, c, d]).then_some(after - before)
+        self.stays_flat([a, b, c, d]).then_some(after - before)
     }
 
     /// Whether the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
-    fn folds(&self, [a, b, c, d]: [u32; 4]) -> bool {
+    fn stays_flat(&self, [a, b, c, d]: [u32; 4]) -> bool {
         let at = |v: u32| self.positions[v as usize];
         let normal = |t: [u32; 3]| cross(sub(at(t[1]), at(t[0])), sub(at(t[2]), at(t[0])));
         let flat = |m: [f64; 3], n: [f64; 3]| dot(m, n) > FLAT * norm(m) * norm(n);

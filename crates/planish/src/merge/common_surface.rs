@@ -9,7 +9,7 @@
 use crate::progress::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
 use planish_estimate::{Dispersion, Result};
-use planish_mesh::{Fused, Overlap, Patch};
+use planish_mesh::{Fused, Neighbours, Overlap, Patch};
 use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 
@@ -57,7 +57,7 @@ pub(super) fn refitted(
     how: Refit,
     progress: &dyn Progress,
 ) -> Result<Vec<Fused>> {
-    let links: Vec<Links> = patches.iter().map(Links::of).collect();
+    let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::of(&p.mesh)).collect();
     let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
     let mut moved: Vec<Vec<[f64; 3]>> = patches.iter().map(|p| vec![[0.0; 3]; p.mesh.positions.len()]).collect();
@@ -207,40 +207,6 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
         .collect())
 }
 
-/// Which vertices of a mesh are neighbours.
-struct Links {
-    starts: Vec<u32>,
-    ends: Vec<u32>,
-}
-
-impl Links {
-    fn of(patch: &Patch) -> Self {
-        let mesh = &patch.mesh;
-        let mut starts = vec![0_u32; mesh.positions.len() + 1];
-        for v in mesh.triangles.iter().flatten() {
-            starts[*v as usize + 1] += 1;
-        }
-        for v in 0..mesh.positions.len() {
-            starts[v + 1] += starts[v];
-        }
-        let mut fill = starts.clone();
-        let mut ends = vec![0; 3 * mesh.triangles.len()];
-        for t in &mesh.triangles {
-            for k in 0..3 {
-                // Round each corner the next is named; all neighbours but those at a border come so.
-                let at = &mut fill[t[k] as usize];
-                ends[*at as usize] = t[(k + 1) % 3];
-                *at += 1;
-            }
-        }
-        Self { starts, ends }
-    }
-
-    fn of_vertex(&self, v: u32) -> &[u32] {
-        &self.ends[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
-    }
-}
-
 /// From neighbour to neighbour over all patches.
 struct Walk {
     /// In which walk a vertex was come by.
@@ -262,7 +228,7 @@ impl Walk {
         first: Place,
         patches: &[Patch],
         overlap: &Overlap,
-        links: &[Links],
+        links: &[Neighbours],
         belongs: impl Fn(Place) -> bool,
     ) -> Vec<(Place, f64)> {
         self.walks += 1;

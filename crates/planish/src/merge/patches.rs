@@ -2,13 +2,13 @@
 //!
 //! Comes in: paths. Goes out: patches in one frame and unit, with σ where files state it. Not guaranteed: that frames agree where no pose was given.
 
-use crate::compare::{Compared, ComparedMesh};
+use crate::compare::ComparedMesh;
 use crate::mesh_output::mesh_from_model;
 use crate::model::Observed;
 use crate::saved;
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
-use planish_exchange::mesh::is_mesh_file;
+use planish_exchange::mesh::{is_mesh_file, read_mesh};
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
 use planish_mesh::{Patch, TriangleMesh};
 use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
@@ -54,44 +54,40 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
     let mut read: Vec<(NamedPatch, Option<Unit>)> = Vec::new();
     for path in paths {
         let name = path.display().to_string();
-        match extension(path).as_str() {
-            "planish" => {
-                set.inputs.push(path.clone());
-                let model = saved::load(path)?;
-                let mesh =
-                    mesh_from_model(&model, &model.posterior()?, chord).map_err(|e| e.in_context(path.display()))?;
-                let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
-                read.push((
-                    of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?,
-                    Some(mesh.unit),
-                ));
-            }
-            _ if is_mesh_file(path) && has_faces(path)? => {
-                set.inputs.push(path.clone());
-                let Compared::Mesh(mesh) = Compared::read(path)? else {
-                    continue;
-                };
-                let ComparedMesh {
-                    mesh,
-                    sigma,
-                    observed,
-                    unit,
-                } = mesh;
-                let known: Vec<bool> = match &observed {
-                    Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
-                    None => vec![true; mesh.positions.len()],
-                };
-                let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
-                let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
-                read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, unit));
-            }
-            _ => {
-                let scans = read_inputs(&[path], unit)?;
-                set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
-                for posed in &scans.scans {
-                    let sensor = scans.sensors.get(posed.sensor);
-                    read.push((of_scan(path, posed, sensor)?, scans.unit));
-                }
+        let with_faces = match is_mesh_file(path) {
+            true => Some(read_mesh(path)?).filter(|file| !file.triangles.is_empty()),
+            false => None,
+        };
+        if extension(path) == "planish" {
+            set.inputs.push(path.clone());
+            let model = saved::load(path)?;
+            let mesh = mesh_from_model(&model, &model.posterior()?, chord).map_err(|e| e.in_context(path.display()))?;
+            let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
+            read.push((
+                of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?,
+                Some(mesh.unit),
+            ));
+        } else if let Some(file) = with_faces {
+            set.inputs.push(path.clone());
+            let ComparedMesh {
+                mesh,
+                sigma,
+                observed,
+                unit,
+            } = ComparedMesh::of_file(file, path)?;
+            let known: Vec<bool> = match &observed {
+                Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
+                None => vec![true; mesh.positions.len()],
+            };
+            let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
+            let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
+            read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, unit));
+        } else {
+            let scans = read_inputs(&[path], unit)?;
+            set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
+            for posed in &scans.scans {
+                let sensor = scans.sensors.get(posed.sensor);
+                read.push((of_scan(path, posed, sensor)?, scans.unit));
             }
         }
     }
@@ -113,10 +109,6 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
         set.patches.push(patch);
     }
     Ok(set)
-}
-
-fn has_faces(path: &Path) -> Result<bool> {
-    Ok(!planish_exchange::mesh::read_mesh(path)?.triangles.is_empty())
 }
 
 /// The manifold part of the triangles whose corners are known.

@@ -8,16 +8,17 @@ mod input;
 mod report;
 
 use super::overlap::intersection_over_union;
+use super::surface::check_outputs;
+use crate::mesh_output::write_known_mesh;
 use crate::model::SigmaSummary;
-use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
 use input::{Frame, FrameFiles, Moved, Units};
 use planish_estimate::{Error, Result, Termination};
-use planish_exchange::mesh::{Column, MeshColumns, is_mesh_file, read_mesh, write_mesh};
-use planish_exchange::{Unit, check_writable};
+use planish_exchange::Unit;
+use planish_exchange::mesh::{is_mesh_file, read_mesh};
 use planish_mesh::{BoundingBox, TriangleMesh};
 pub use planish_shell::Metaball;
-use planish_shell::{Camera, FrameFit, ShellFit, ShellFitOptions, ShellTracker, SourceFit, fit_shell};
+use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellTracker, SourceFit, fit_shell};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -266,16 +267,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         };
         let (normals, sigma, observed) = report::known(&found, &made, &*deformation);
         for output in &outputs[k] {
-            write_mesh(
-                output,
-                &MeshColumns {
-                    points: &found.positions,
-                    normals: Some(&normals),
-                    columns: vec![("sigma", Column::F64(&sigma)), ("observed", Column::U8(&observed))],
-                    triangles: &found.triangles,
-                    unit: Some(units.unit()),
-                },
-            )?;
+            write_known_mesh(output, &found, &normals, &sigma, &observed, units.unit())?;
         }
         let iou = overlap(&frame, &found, &made.cameras);
         if tracker.is_some() {
@@ -285,7 +277,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
                 rms_silhouettes_px: ReadingsReport::of(&made.outlines).map(|r| r.rms),
                 iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
                 surprise: predicted.map(|q| (&made.parameters - q).norm() / made.covariance.trace().sqrt()),
-                sigma: report::sigma_summary(sigma.clone()).median,
+                sigma: SigmaSummary::of(sigma.clone()).median,
             });
         }
         last = Some((frame, made, iou, sigma, observed));
@@ -298,14 +290,46 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         .filter(|(_, o)| **o == 1)
         .map(|(s, _)| *s)
         .collect();
-    Ok(summary(&frame, &made, controls, &mut warnings).finished(
+    let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
+    let [points, outlines, tracks] = of;
+    for (what, report) in [("points", &points), ("outlines", &outlines)] {
+        if let Some(report) = report.filter(|r| 3 * r.outliers > r.count) {
+            warnings.push(format!(
+                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or have started too far away",
+                report.outliers, report.count
+            ));
+        }
+    }
+    Ok(ShellFitReport {
+        rms_points: points.map(|r| r.rms),
+        rms_silhouettes_px: outlines.map(|r| r.rms),
         iou,
         iou_before,
-        measured.len() as f64 / sigma.len().max(1) as f64,
-        report::sigma_summary(measured),
-        of_frames,
-        (units.unit(), inputs, outputs.concat(), warnings),
-    ))
+        held_out: (frame.views.iter())
+            .filter(|view| view.held_out)
+            .map(|view| view.name.clone())
+            .collect(),
+        controls,
+        outliers: of.iter().flatten().map(|r| r.outliers).sum(),
+        points,
+        outlines,
+        tracks,
+        poses: report::poses(&frame, &made),
+        observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
+        sigma: SigmaSummary::of(measured),
+        smoothness_weight: made.smoothness_weight,
+        iterations: made.iterations,
+        frames: of_frames,
+        termination: match made.termination {
+            Termination::Converged => "converged",
+            Termination::ReachedTolerance => "reached_tolerance",
+            _ => "limit",
+        },
+        unit: units.unit(),
+        inputs,
+        written: outputs.concat(),
+        warnings,
+    })
 }
 
 /// Where the meshes of each frame go.
@@ -318,24 +342,16 @@ fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> R
             output.with_file_name(format!("{stem}.{}.{ending}", frame.name))
         }
     };
-    (frames.iter())
-        .map(|frame| {
-            (job.outputs.iter())
-                .map(|output| {
-                    if !is_mesh_file(output) {
-                        return Err(Error::unsupported(format!(
-                            "{}: a fitted shell is written as .ply, .glb, .obj or .stl",
-                            output.display()
-                        )));
-                    }
-                    let output = of_frame(frame, output);
-                    refuse_input_as_output(&output, inputs)?;
-                    check_writable(&output)?;
-                    Ok(output)
-                })
-                .collect()
-        })
-        .collect()
+    let planned: Vec<Vec<PathBuf>> = (frames.iter())
+        .map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect())
+        .collect();
+    check_outputs(
+        &planned.concat(),
+        inputs,
+        is_mesh_file,
+        ".ply, .obj, .stl, .off or .glb",
+    )?;
+    Ok(planned)
 }
 
 fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<TriangleMesh> {
@@ -360,74 +376,4 @@ fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<S
             (mask.as_ref()).map(|mask| (view.name.clone(), intersection_over_union(mesh, camera, mask)))
         })
         .collect()
-}
-
-/// What the fit itself says.
-fn summary(frame: &Frame, made: &ShellFit, controls: usize, warnings: &mut Vec<String>) -> ShellFitReport {
-    let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
-    let [points, outlines, tracks] = of;
-    for (what, report) in [("points", &points), ("outlines", &outlines)] {
-        if let Some(report) = report.filter(|r| 3 * r.outliers > r.count) {
-            warnings.push(format!(
-                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or have started too far away",
-                report.outliers, report.count
-            ));
-        }
-    }
-    ShellFitReport {
-        rms_points: points.map(|r| r.rms),
-        rms_silhouettes_px: outlines.map(|r| r.rms),
-        iou: BTreeMap::new(),
-        iou_before: BTreeMap::new(),
-        held_out: (frame.views.iter())
-            .filter(|view| view.held_out)
-            .map(|view| view.name.clone())
-            .collect(),
-        controls,
-        outliers: of.iter().flatten().map(|r| r.outliers).sum(),
-        points,
-        outlines,
-        tracks,
-        poses: report::poses(frame, made),
-        sigma: report::sigma_summary(Vec::new()),
-        observed_fraction: 0.0,
-        smoothness_weight: made.smoothness_weight,
-        iterations: made.iterations,
-        frames: Vec::new(),
-        termination: match made.termination {
-            Termination::Converged => "converged",
-            Termination::ReachedTolerance => "reached_tolerance",
-            _ => "limit",
-        },
-        unit: Unit::Millimetre,
-        inputs: Vec::new(),
-        written: Vec::new(),
-        warnings: Vec::new(),
-    }
-}
-
-impl ShellFitReport {
-    #[allow(clippy::type_complexity, reason = "the last four go together")]
-    fn finished(
-        self,
-        iou: BTreeMap<String, f64>,
-        iou_before: BTreeMap<String, f64>,
-        observed_fraction: f64,
-        sigma: SigmaSummary,
-        frames: Vec<FrameReport>,
-        (unit, inputs, written, warnings): (Unit, Vec<PathBuf>, Vec<PathBuf>, Vec<String>),
-    ) -> Self {
-        Self {
-            iou,
-            iou_before,
-            observed_fraction,
-            sigma,
-            frames,
-            unit,
-            inputs,
-            written,
-            warnings,
-            ..self
-        }
-    }
 }

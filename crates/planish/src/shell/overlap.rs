@@ -5,7 +5,7 @@ use planish_sense::Silhouette;
 use planish_shell::Camera;
 
 /// Which pixels a mesh covers.
-pub(super) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows: usize) -> Vec<bool> {
+pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows: usize) -> Vec<bool> {
     let corners: Vec<Projected> = (mesh.positions.iter())
         .map(|p| match camera.project(*p) {
             // Pixel centres are at integers, the middle of the buffer's first place is at one half.

@@ -187,9 +187,13 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
     }
     progress.check(WRITING_STAGE, 0.8)?;
     let mut warnings = std::mem::take(&mut file.warnings);
+    let picture = match job.outputs.is_empty() {
+        true => None,
+        false => picture_of(&file, &mut warnings),
+    };
     let mut written = Vec::new();
     for path in &job.outputs {
-        written.extend(write(path, &file, &mesh, &poses, &targets, &mut warnings)?);
+        written.extend(write(path, &file, &mesh, &poses, &targets, picture.as_deref())?);
     }
     let mut read = inputs.to_vec();
     read.append(&mut file.files);
@@ -268,6 +272,13 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]]) -> Result<(DVector<f64>, 
     ))
 }
 
+/// The bytes of the texture; a warning where there should be some and are none.
+fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Option<Vec<u8>> {
+    read_bytes(file.texture.as_ref()?)
+        .map_err(|e| warnings.push(format!("the texture is left out: {e}")))
+        .ok()
+}
+
 /// Writes one file, and what belongs to it.
 fn write(
     path: &Path,
@@ -275,8 +286,10 @@ fn write(
     mesh: &TriangleMesh,
     poses: &PoseFile,
     targets: &[Vec<[f64; 3]>],
-    warnings: &mut Vec<String>,
+    picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
+    let is_png = |bytes: &&[u8]| bytes.starts_with(b"\x89PNG");
+    let is_jpeg = |bytes: &&[u8]| bytes.starts_with(&[0xff, 0xd8]);
     let normals_of = |points: &[[f64; 3]]| {
         TriangleMesh {
             positions: points.to_vec(),
@@ -284,18 +297,6 @@ fn write(
         }
         .vertex_normals()
     };
-    let picture = match &file.texture {
-        None => None,
-        Some(texture) => match read_bytes(texture) {
-            Ok(bytes) => Some(bytes),
-            Err(e) => {
-                warnings.push(format!("the texture is left out: {e}"));
-                None
-            }
-        },
-    };
-    let is_png = picture.as_ref().is_some_and(|bytes| bytes.starts_with(b"\x89PNG"));
-    let is_jpeg = picture.as_ref().is_some_and(|bytes| bytes.starts_with(&[0xff, 0xd8]));
     match extension(path).as_str() {
         "glb" => {
             let split = file.split();
@@ -322,7 +323,7 @@ fn write(
                     normals: &of(&normals_of(&mesh.positions)),
                     triangles: &split.triangles,
                     uv: &split.uv,
-                    picture: picture.as_deref().filter(|_| is_png || is_jpeg),
+                    picture: picture.filter(|bytes| is_png(bytes) || is_jpeg(bytes)),
                     targets: &morphs,
                     keyframes: &keyframes,
                     unit: file.unit,
@@ -336,7 +337,7 @@ fn write(
                 points: targets.first().unwrap_or(&mesh.positions).clone(),
                 ..file.clone()
             };
-            write_textured_obj(path, &posed, picture.as_deref().filter(|_| is_png))
+            write_textured_obj(path, &posed, picture.filter(is_png))
         }
         _ => {
             let points = targets.first().unwrap_or(&mesh.positions);

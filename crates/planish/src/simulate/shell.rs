@@ -5,14 +5,15 @@
 //! Not guaranteed: that a large deformation does not cross itself.
 
 use super::truth::positive;
+use crate::shell::overlap::covered;
 use nalgebra::{DVector, Matrix3, Vector3};
 use planish_estimate::vector3::{add, add_scaled, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{Column, MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::write_grey_png;
 use planish_exchange::{Unit, make_folder, write_atomically};
-use planish_mesh::{BoundingBox, DepthBuffer, Projected, TriangleMesh, icosphere, sample_points};
-use planish_shell::{Camera, Dirichlet, automatic_controls, displacements};
+use planish_mesh::{BoundingBox, TriangleMesh, icosphere, sample_points};
+use planish_shell::{Camera, Dirichlet, automatic_controls, displaced};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -98,9 +99,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         .collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
     let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
-    let by = displacements(&deformation, &q);
     let truth = TriangleMesh {
-        positions: rest.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        positions: displaced(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
     };
     let bounds = BoundingBox::of(&truth.positions).unwrap_or(bounds);
@@ -218,26 +218,8 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
 
 /// White where the mesh is seen.
 fn mask(mesh: &TriangleMesh, camera: &Camera) -> Vec<u8> {
-    let corners: Vec<Projected> = (mesh.positions.iter())
-        .map(|p| match camera.project(*p) {
-            // The buffer's first place has its middle at one half.
-            Some(([x, y], depth)) => Projected {
-                at: [x + 0.5, y + 0.5],
-                depth,
-            },
-            None => Projected {
-                at: [0.0; 2],
-                depth: 0.0,
-            },
-        })
-        .collect();
-    let seen = DepthBuffer::draw(SIZE[0], SIZE[1], &corners, &mesh.triangles);
-    (0..SIZE[0] * SIZE[1])
-        .map(|place| match seen.at(place % SIZE[0], place / SIZE[0]) {
-            Some(_) => 255,
-            None => 0,
-        })
-        .collect()
+    let seen = covered(mesh, camera, SIZE[0], SIZE[1]);
+    seen.into_iter().map(|seen| if seen { 255 } else { 0 }).collect()
 }
 
 #[cfg(test)]
@@ -245,6 +227,7 @@ mod tests {
     use super::*;
     use planish_exchange::views::read_views;
     use planish_mesh::MeshSearch;
+    use planish_shell::displacements;
 
     /// Points are as near to the truth as their σ says, controls in truth.json make truth.ply of mesh.obj, and every point that is no outlier is in every mask.
     #[test]

@@ -13,10 +13,10 @@ use super::readings::{OutlineKind, ShellReadings};
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
 use crate::camera::Camera;
-use crate::deformation::{Deformation, displacements};
+use crate::deformation::{Deformation, displaced};
 use crate::field::{Share, Shell, ShellOptions};
 use nalgebra::DVector;
-use planish_estimate::vector3::{add, scale};
+use planish_estimate::vector3::scale;
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use rayon::prelude::*;
@@ -64,9 +64,8 @@ fn pieces(count: usize, each: usize) -> impl Iterator<Item = (usize, usize)> {
 impl Problem<'_> {
     /// The mesh of the deformation, moved.
     fn moved(&self, q: &DVector<f64>) -> TriangleMesh {
-        let by = displacements(self.deformation, q);
         TriangleMesh {
-            positions: self.mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+            positions: displaced(&self.mesh.positions, self.deformation, q),
             triangles: self.mesh.triangles.clone(),
         }
     }

@@ -7,10 +7,9 @@ use super::problem::{Problem, State};
 use super::readings::{PoseNoise, ShellReadings};
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, SourceFit, undetermined};
-use crate::deformation::{Deformation, displacements};
+use crate::deformation::{Deformation, displaced};
 use crate::field::{Metaball, ShellOptions, subdivided};
 use nalgebra::{DMatrix, DVector};
-use planish_estimate::vector3::add;
 use planish_estimate::{Error, Result, Termination, gated_scale};
 use planish_mesh::{BoundingBox, TriangleMesh};
 
@@ -299,9 +298,8 @@ fn finished(
     let readings = known.readings;
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
     let of = |source: Source, count: usize| source_fit(equations, source, count, factors, known);
-    let by = displacements(deformation, &state.q);
     Ok(ShellFit {
-        positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        positions: displaced(&mesh.positions, deformation, &state.q),
         covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
         points: of(Source::Point, readings.points.len()),
         outlines: of(Source::Outline, outlines),

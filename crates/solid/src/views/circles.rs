@@ -6,7 +6,8 @@ use super::oblique_wall::{Form, Oblique, Sector};
 use super::wall::{Extent, Side};
 use super::wireframe::Wireframe;
 use crate::brep::{along, unit};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use crate::contour::circle_of_points;
+use nalgebra::{DMatrix, DVector};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 use std::f64::consts::TAU;
 
@@ -144,9 +145,10 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
             for axis in &axes {
                 let (e1, e2) = tangents(*axis);
                 let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
-                let Some((center, radius)) = circle_through(&flat) else {
+                let Some(&[x, y, radius]) = circle_of_points(&flat).as_deref() else {
                     continue;
                 };
+                let center = [x, y];
                 let off = flat
                     .iter()
                     .map(|p| (super::drawing::distance(*p, center) - radius).abs())
@@ -167,23 +169,6 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
         }
     }
     found
-}
-
-/// The circle `x² + y² = 2 a x + 2 b y + c` of least squares (Kåsa 1976).
-fn circle_through(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
-    let count = points.len() as f64;
-    let middle = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for p in points {
-        let [x, y] = [p[0] - middle[0], p[1] - middle[1]];
-        let row = Vector3::new(2.0 * x, 2.0 * y, 1.0);
-        normal += row * row.transpose();
-        right += row * (x * x + y * y);
-    }
-    let found = normal.lu().solve(&right)?;
-    let square = found[2] + found[0] * found[0] + found[1] * found[1];
-    let is_circle = square.is_finite() && square > 0.0;
-    is_circle.then(|| ([middle[0] + found[0], middle[1] + found[1]], square.sqrt()))
 }
 
 /// Whether every other view draws something at the images of some points.

@@ -2,10 +2,8 @@
 
 use super::input::Frame;
 use super::{MEASURED, PoseReport};
-use crate::model::SigmaSummary;
-use nalgebra::DVector;
-use planish_mesh::{TriangleMesh, quantile_of_sorted};
-use planish_shell::{Deformation, ShellFit};
+use planish_mesh::TriangleMesh;
+use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
 
 /// Normals of vertices, σ along them, and whether the readings say more of them than what was known before.
@@ -19,34 +17,13 @@ pub(super) fn known(
     let (sigma, observed) = (0..mesh.positions.len())
         .into_par_iter()
         .map(|v| {
-            let mut row = DVector::zeros(deformation.basis());
-            deformation.row(v as u32, normals[v], &mut |k, entry| row[k] += entry);
-            let row = match deformation.reduction() {
-                Some(reduction) => reduction.tr_mul(&row),
-                None => row,
-            };
+            let row = parameter_row(deformation, v as u32, normals[v]);
             let variance = row.dot(&(&made.covariance * &row)).max(0.0);
             let share = row.dot(&(&by_data * &row)) / variance;
             (variance.sqrt(), u8::from(share > MEASURED))
         })
         .unzip();
     (normals, sigma, observed)
-}
-
-pub(super) fn sigma_summary(mut sigmas: Vec<f64>) -> SigmaSummary {
-    sigmas.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        if sigmas.is_empty() {
-            0.0
-        } else {
-            quantile_of_sorted(&sigmas, share)
-        }
-    };
-    SigmaSummary {
-        median: at(0.5),
-        p95: at(0.95),
-        max: at(1.0),
-    }
 }
 
 pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<PoseReport> {
