@@ -3,8 +3,12 @@
 use crate::merge_args::MergeArgs;
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
-use planish::merge::{MergeOptions, MergeReport, merge_files, plan_merged, write_merged};
+use clap::ValueEnum;
+use planish::merge::{
+    MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged, write_spline,
+};
 use planish::progress::Progress;
+use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;
 
@@ -16,6 +20,8 @@ const SHOWN: usize = 10;
 struct Body {
     #[serde(flatten)]
     report: MergeReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    spline: Option<SplineReport>,
     termination: &'static str,
 }
 
@@ -25,7 +31,7 @@ pub fn run(args: &MergeArgs) -> u8 {
 }
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    plan_merged(&args.output, &args.patches)?;
+    let outputs = plan_merged(&args.output, &args.patches)?;
     let options = MergeOptions {
         method: args.method.map(Into::into),
         unit: args.common.unit.map(Unit::from),
@@ -35,24 +41,75 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         fill: args.fill,
     };
     let merged = merge_files(&args.patches, &options, progress)?;
-    for path in &args.output {
+    // All that can go wrong with the surface goes wrong before the first file is written.
+    let spline = match outputs.splines.is_empty() {
+        true => None,
+        false => Some(merged_spline(&merged, args.common.seed, progress)?),
+    };
+    for path in &outputs.meshes {
         write_merged(&merged, path, progress)?;
     }
+    if let Some(spline) = &spline {
+        write_spline(spline, &outputs.splines, &[session(args, &merged.report)], progress)?;
+    }
     let report = merged.report;
+    let mut warnings = report.warnings.clone();
+    warnings.extend(spline.iter().flat_map(|s| s.warnings.iter().cloned()));
+    let spline = spline.map(|s| s.report);
     Ok(Summary {
-        text: text(args, &report),
+        text: text(args, &report, spline.as_ref()),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
         outputs: args.output.clone(),
-        warnings: report.warnings.clone(),
+        warnings,
         body: Body {
             report,
+            spline,
             termination: "converged",
         },
     })
 }
 
-fn text(args: &MergeArgs, report: &MergeReport) -> String {
+/// What made the model, for its provenance.
+fn session(args: &MergeArgs, report: &MergeReport) -> Session {
+    Session {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        arguments: deciding_arguments(args),
+        seed: args.common.seed,
+        inputs: report
+            .inputs
+            .iter()
+            .map(|input| SessionInput {
+                name: input.display().to_string(),
+                points: 0,
+            })
+            .collect(),
+    }
+}
+
+/// The arguments that decide the answer, as on the command line.
+fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
+    let mut all = vec!["merge".to_owned()];
+    all.extend(args.patches.iter().map(|path| path.display().to_string()));
+    let method = args.method.and_then(|m| m.to_possible_value());
+    let given = [
+        ("--method", method.map(|v| v.get_name().to_owned())),
+        ("--epsilon", args.epsilon.map(|v| v.to_string())),
+        ("--theta", args.theta.map(|v| v.to_string())),
+        ("--fill", (args.fill > 0).then(|| args.fill.to_string())),
+        ("--mesh-tolerance", args.mesh_tolerance.map(|v| v.to_string())),
+        ("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned())),
+        ("--seed", (args.common.seed > 0).then(|| args.common.seed.to_string())),
+    ];
+    for (name, value) in given {
+        if let Some(value) = value {
+            all.extend([name.to_owned(), value]);
+        }
+    }
+    all
+}
+
+fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -> String {
     let mut lines = Lines::default();
     let unit = report.unit;
     lines.line(format!(
@@ -166,6 +223,17 @@ fn text(args: &MergeArgs, report: &MergeReport) -> String {
         ));
     }
     lines.gap();
+    if let Some(spline) = spline {
+        lines.line(format!(
+            "As a spline: a {} of {} control vertices ({} levels), {} {unit} rms from the vertices of the mesh; σ median {} {unit}",
+            spline.shape,
+            count(spline.coefficients),
+            spline.levels,
+            significant(spline.rms, 3),
+            significant(spline.sigma.median, 3)
+        ));
+        lines.gap();
+    }
     if args.output.is_empty() {
         lines.line("Nothing was written: give -o FILE.");
     }

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 const MERGE_EXAMPLES: &str = "\
 Examples:
   planish merge left.planish right.planish -o whole.ply
+  planish merge left.ply right.ply -o whole.step -o whole.planish
   planish merge bun.conf -o bunny.ply --json
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
@@ -15,7 +16,8 @@ Patches are saved models, meshes with faces, and scans in rows and columns (or l
 one where they are nearer than ε and their normals differ by less than θ; both follow from σ unless they are given. A mesh states σ in \
 a column `sigma`; where nothing states it, it is told from how patches differ. Where patches share a place, all of them say where the \
 surface is, each with the weight of its information. Then each place is given to one patch, and the gaps are sewn: no edge has \
-more than two triangles, whatever came in.";
+more than two triangles, whatever came in. A whole without handles can be written as a spline, too (.step, .planish): a sheet, a tube \
+or a ball through the mesh, with the mesh's σ.";
 
 /// How shared places are fused.
 #[allow(
@@ -46,7 +48,7 @@ pub struct MergeArgs {
     /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .glb), scans in rows and columns, lists of scans (.conf, .toml)
     #[arg(value_name = "PATCH", required = true, value_hint = ValueHint::FilePath)]
     pub patches: Vec<PathBuf>,
-    /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl); may be repeated
+    /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl; .step or .planish as one spline); may be repeated
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline [default: information where all patches state σ, else refit]

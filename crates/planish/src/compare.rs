@@ -22,7 +22,7 @@ use planish_exchange::mesh::{PolygonMesh, is_mesh_file, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, variance_along};
-use planish_spline::{FootPoint, FootPointSearch, ProjectionOptions, TessellationOptions, tessellate};
+use planish_spline::{FootPoint, FootPointSearch, ProjectionOptions, Surface, TessellationOptions, tessellate};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
@@ -513,25 +513,7 @@ fn surface_pairs(
     part: ComparedPart,
     skipped: &mut Skipped,
 ) -> Result<Vec<Pair>> {
-    let surface = &model.surface;
-    let extent = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
-    let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
-    let options = ProjectionOptions::default();
-    let feet: Vec<FootPoint> = (0..reference.points.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .map(|k| {
-            let z = reference.points[k];
-            let away = |foot: &FootPoint| distance(foot.jet.point, z);
-            let first = surface.project(z, search.nearest(z, reference.normal(k)), &options);
-            // No foot of a perpendicular: the iteration got stuck, or the normal misled it.
-            if first.at_border || first.converged && first.slip <= 0.05 * away(&first) + 1e-6 * extent {
-                return first;
-            }
-            let second = surface.project(z, search.nearest(z, [0.0; 3]), &options);
-            if away(&second) < away(&first) { second } else { first }
-        })
-        .collect();
+    let feet = feet_on(&model.surface, &reference.points, |k| reference.normal(k))?;
     let (mut points, mut leaf, mut local, mut normals) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (k, foot) in feet.iter().enumerate() {
         if foot.at_border {
@@ -554,6 +536,32 @@ fn surface_pairs(
             foot: feet[point].jet.point,
             normal: feet[point].normal,
             sigma: Some(sigma),
+        })
+        .collect())
+}
+
+/// The nearest points of a surface to points with normals (zero where they are not known).
+pub(crate) fn feet_on(
+    surface: &Surface,
+    points: &[[f64; 3]],
+    normal: impl Fn(usize) -> [f64; 3] + Sync,
+) -> Result<Vec<FootPoint>> {
+    let extent = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
+    let options = ProjectionOptions::default();
+    Ok((0..points.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|k| {
+            let z = points[k];
+            let away = |foot: &FootPoint| distance(foot.jet.point, z);
+            let first = surface.project(z, search.nearest(z, normal(k)), &options);
+            // No foot of a perpendicular: the iteration got stuck, or the normal misled it.
+            if first.at_border || first.converged && first.slip <= 0.05 * away(&first) + 1e-6 * extent {
+                return first;
+            }
+            let second = surface.project(z, search.nearest(z, [0.0; 3]), &options);
+            if away(&second) < away(&first) { second } else { first }
         })
         .collect())
 }

@@ -8,12 +8,14 @@
 
 mod common_surface;
 mod patches;
+mod spline;
 
 pub use patches::{NamedPatch, PatchSet, read_patches};
+pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
 use crate::mesh_output::write_known_mesh;
 use crate::model::SigmaSummary;
-use crate::output::plan_outputs;
+use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
 use planish_estimate::vector3::dot;
@@ -283,20 +285,34 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     })
 }
 
-/// Checks, before any work, that outputs can be written: meshes, in other files than the inputs.
+/// Checks, before any work, that outputs can be written, in other files than the inputs: meshes, and what needs a [`MergedSpline`].
 ///
 /// # Errors
 /// `Unsupported` for other formats; `Input` for one name twice or that of an input; `Io` where nothing can be written.
-pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
-    for planned in plan_outputs(outputs, inputs)? {
-        if !planned.format.is_mesh() {
-            return Err(Error::unsupported(format!(
-                "{}: a merged surface is a mesh: needed .ply, .glb, .obj or .stl",
-                planned.path.display()
-            )));
+pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<MergedOutputs> {
+    let mut planned = MergedOutputs::default();
+    for output in plan_outputs(outputs, inputs)? {
+        match output.format {
+            format if format.is_mesh() => planned.meshes.push(output.path),
+            OutputFormat::Step | OutputFormat::Planish => planned.splines.push(output),
+            _ => {
+                return Err(Error::unsupported(format!(
+                    "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or .planish",
+                    output.path.display()
+                )));
+            }
         }
     }
-    Ok(())
+    Ok(planned)
+}
+
+/// What is to be written of a merged surface.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MergedOutputs {
+    /// Meshes.
+    pub meshes: Vec<PathBuf>,
+    /// STEP files and saved models, which need a spline.
+    pub splines: Vec<PlannedOutput>,
 }
 
 /// Writes a merged mesh in the format of the path's extension.

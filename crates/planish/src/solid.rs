@@ -15,19 +15,13 @@ use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, check_writable, extension};
-use planish_solid::brep::{Solid, Surface};
+use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
 pub use planish_solid::views::{Projection, ViewKind};
 use planish_solid::views::{Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
-
-/// Whether a solid is compared with its drawing. Faces of spheres and tori are not: the comparison does not follow their outlines over poles and tubes rightly yet, and
-/// would refuse what the search has proved by the same lines.
-fn is_compared(solid: &Solid) -> bool {
-    (solid.faces.iter()).all(|face| !matches!(face.surface, Surface::Sphere { .. } | Surface::Torus { .. }))
-}
 
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
@@ -163,11 +157,7 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
     let mut refused = Vec::new();
     let mut accepted: Vec<&Solution> = Vec::new();
     for solution in &found.solutions {
-        let differences = if is_compared(&solution.solid) {
-            disagreements(&solution.solid, &drawing, &CompareOptions::default())
-        } else {
-            Vec::new()
-        };
+        let differences = disagreements(&solution.solid, &drawing, &CompareOptions::default());
         match differences.is_empty() {
             true => accepted.push(solution),
             false => refused.push(RefusedSolid {

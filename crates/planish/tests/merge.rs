@@ -3,7 +3,8 @@
 // Helpers of tests may print as tests do.
 #![allow(clippy::print_stdout)]
 
-use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge};
+use planish::compare::{CompareOptions, Compared, Reference, compare};
+use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
 use planish::progress::Silent;
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, unit};
 use planish_mesh::{MeshSearch, Patch, icosphere};
@@ -125,4 +126,71 @@ fn the_order_of_patches_does_not_matter() {
         println!("{order:?}: {median:.3} σ in the median, {p95:.3} σ at 95 %");
         assert!(median < 0.2, "{order:?}: {median}, {p95}");
     }
+}
+
+#[test]
+fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
+    let set = PatchSet {
+        patches: four_patches(),
+        ..PatchSet::default()
+    };
+    let merged = merge(set, &MergeOptions::default(), &Silent).expect("patches overlap");
+    let spline = merged_spline(&merged, 0, &Silent).expect("a ball has no handles");
+    let report = &spline.report;
+    println!(
+        "{} of {} control vertices, rms {:.4} from the mesh, σ {:.4} (mesh {:.4}), variances times {:.1}",
+        report.shape,
+        report.coefficients,
+        report.rms,
+        report.sigma.median,
+        merged.report.sigma.median,
+        report.variance_factor
+    );
+    assert_eq!(report.shape, "ball");
+    assert!(report.rms < merged.report.sigma.median, "{report:?}");
+    let ratio = report.sigma.median / merged.report.sigma.median;
+    assert!((0.8..1.3).contains(&ratio), "σ {ratio} times the mesh's");
+    // Against the truth, at places that no vertex is at.
+    let truth: Vec<[f64; 3]> = icosphere(1.0, 4)
+        .positions
+        .iter()
+        .map(|p| {
+            let [x, y, z] = *p;
+            let d = unit([x + 0.01, y - 0.013, z + 0.007]).expect("a direction");
+            scale(radius(d), d)
+        })
+        .collect();
+    let reference = Reference {
+        points: truth,
+        ..Reference::default()
+    };
+    let compared = compare(
+        &Compared::Surface(Box::new(spline.model)),
+        reference,
+        &CompareOptions::default(),
+        &Silent,
+    )
+    .expect("a comparison");
+    let covered = compared.coverage95.expect("σ");
+    println!("{covered:.3} within 1.96 σ");
+    assert!(covered > 0.9, "{covered}");
+}
+
+#[test]
+fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut patches = four_patches();
+    patches.truncate(2);
+    let mut far = patch("far", [0.0, 0.0, 1.0], 0.0, 0.0, &mut rng);
+    for p in &mut far.patch.mesh.positions {
+        p[0] += 100.0;
+    }
+    patches.push(far);
+    let set = PatchSet {
+        patches,
+        ..PatchSet::default()
+    };
+    let merged = merge(set, &MergeOptions::default(), &Silent).expect("two of three overlap");
+    let refused = merged_spline(&merged, 0, &Silent).expect_err("two parts").to_string();
+    assert!(refused.contains("has 2 parts"), "{refused}");
 }

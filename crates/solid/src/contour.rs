@@ -25,6 +25,8 @@ mod choose;
 mod curve;
 mod ends;
 mod fit;
+mod held;
+mod joints;
 mod kind;
 mod likelihood;
 mod parts;

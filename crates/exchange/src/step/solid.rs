@@ -5,7 +5,7 @@ use super::{BsplineCurve, write_curve, write_point};
 use crate::step::part21::reals;
 use planish_estimate::vector3::{add_scaled, cross, norm, scale};
 use planish_solid::brep::{Curve, Edge, Face, Solid, Surface};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::io::{self, Write};
 
 fn write_direction<W: Write>(out: &mut Part21<W>, direction: [f64; 3]) -> io::Result<Id> {
@@ -160,6 +160,14 @@ fn seam_aside(solid: &Solid, face: &Face) -> Surface {
     }
 }
 
+/// The middle of an arc of more than half a turn that is not closed: it is written in two parts, since some readers take the other arc between its ends
+/// (Open Cascade 7.9 does, for one of 184.7°).
+fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
+    let [from, to] = edge.range;
+    let is_long = matches!(edge.curve, Curve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
+    (is_long && edge.start != edge.end).then(|| edge.curve.point(0.5 * (from + to)))
+}
+
 /// The shells of a solid: the outer one first, then those of voids.
 pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::Result<Vec<Id>> {
     let mut vertices = Vec::with_capacity(solid.vertices.len());
@@ -171,7 +179,19 @@ pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
     for edge in &solid.edges {
         let curve = write_edge_curve(out, edge)?;
         let (start, end) = (vertices[edge.start], vertices[edge.end]);
-        edges.push(out.add(format_args!("EDGE_CURVE('',{start},{end},{curve},.T.)"))?);
+        let middle = match middle_of_long_arc(edge) {
+            Some(middle) => {
+                let middle = write_point(out, middle)?;
+                Some(out.add(format_args!("VERTEX_POINT('',{middle})"))?)
+            }
+            None => None,
+        };
+        let along: Vec<Id> = [Some(start), middle, Some(end)].into_iter().flatten().collect();
+        let parts: io::Result<Vec<Id>> = along
+            .windows(2)
+            .map(|ends| out.add(format_args!("EDGE_CURVE('',{},{},{curve},.T.)", ends[0], ends[1])))
+            .collect();
+        edges.push(parts?);
     }
     let mut shells = solid.shells();
     shells.sort_by(|a, b| solid.volume_of(b).total_cmp(&solid.volume_of(a)));
@@ -186,7 +206,13 @@ pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
                 let mut oriented = Vec::with_capacity(ring.len());
                 for coedge in ring {
                     let sense = if coedge.forward { "T" } else { "F" };
-                    oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{},.{sense}.)", edges[coedge.edge]))?);
+                    let mut parts = edges[coedge.edge].clone();
+                    if !coedge.forward {
+                        parts.reverse();
+                    }
+                    for part in parts {
+                        oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{part},.{sense}.)"))?);
+                    }
                 }
                 let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
                 let kind = if k == 0 { "FACE_OUTER_BOUND" } else { "FACE_BOUND" };
@@ -265,6 +291,22 @@ mod tests {
             assert!(at > last && at < TAU, "{at} after {last}");
             last = at;
         }
+    }
+
+    #[test]
+    fn arcs_of_more_than_half_a_turn_are_written_in_two() {
+        let long = part(0.0, 190_f64.to_radians());
+        let middle = middle_of_long_arc(&long.edges[0]).expect("longer than half a turn");
+        let angle = 95_f64.to_radians();
+        assert!((middle[0] - 2.0 * angle.cos()).abs() < 1e-12 && (middle[1] - 2.0 * angle.sin()).abs() < 1e-12);
+        assert_eq!(middle_of_long_arc(&long.edges[1]), None);
+        assert_eq!(middle_of_long_arc(&part(0.0, PI).edges[0]), None);
+        let mut written = Vec::new();
+        let mut out = Part21::new(&mut written);
+        write_shells(&mut out, &long).expect("a buffer takes all");
+        let text = String::from_utf8(written).expect("text");
+        assert_eq!(text.matches("EDGE_CURVE").count(), 6);
+        assert_eq!(text.matches("ORIENTED_EDGE").count(), 6);
     }
 
     #[test]

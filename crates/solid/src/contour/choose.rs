@@ -1,4 +1,4 @@
-//! Which kind of contour: several hypotheses and the one of the least BIC.
+//! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as good.
 
 use super::fit::{ContourFit, FitOptions, RoughFit, finish, fit, rough};
 use super::kind::Kind;
@@ -13,6 +13,9 @@ const MOST_SIDES: usize = 8;
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
 const WORTH_FINISHING: f64 = 30.0;
 
+/// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller difference is no evidence (Kass and Raftery 1995).
+const NO_EVIDENCE: f64 = 2.0;
+
 /// A kind with a side of which less than this was seen is not chosen where another has none.
 const LEAST_SEEN: f64 = 0.4;
 
@@ -25,12 +28,12 @@ pub struct Alternative {
     pub bic: f64,
 }
 
-/// The kind of the least BIC, and the others.
+/// The kind of the least BIC, or a simpler one that is as good, and the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice {
     /// The best.
     pub fit: ContourFit,
-    /// By how much the BIC of the next kind is larger; `None` where only one was tried. Ten is very strong evidence.
+    /// By how much the BIC of the next kind is larger; `None` where only one was tried. Ten is very strong evidence; down to −2 where a simpler kind is as likely.
     pub bic_margin: Option<f64>,
     /// All others that could be fitted, best first.
     pub alternatives: Vec<Alternative>,
@@ -127,19 +130,26 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     if found.iter().any(|one| one.least_seen >= LEAST_SEEN) {
         found.retain(|one| one.least_seen >= LEAST_SEEN);
     }
-    found.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-    let mut found = found.into_iter();
-    let Some(best) = found.next() else {
+    let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
+    let simplest = (0..found.len())
+        .filter(|&k| found[k].bic() < least + NO_EVIDENCE)
+        .min_by(|&a, &b| {
+            let unknowns = |k: usize| found[k].state.len();
+            (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
+        });
+    let Some(simplest) = simplest else {
         return Err(last.unwrap_or_else(|| Error::undetermined("no kind of contour was tried")));
     };
+    let best = found.swap_remove(simplest);
     let mut alternatives: Vec<Alternative> = found
+        .into_iter()
         .map(|one| Alternative {
             bic: one.bic(),
             kind: one.kind,
         })
         .collect();
     alternatives.extend(rest.iter().map(|(kind, rough)| Alternative {
-        bic: rough.bic.max(best.bic()),
+        bic: rough.bic.max(least),
         kind: (*kind).clone(),
     }));
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));

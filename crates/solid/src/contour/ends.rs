@@ -26,6 +26,15 @@ pub(crate) struct End {
     pub(crate) sigma: f64,
 }
 
+impl End {
+    /// `along · vertex − position`, and its derivative added to `by_theta`.
+    pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+        let vertex = kind.vertex(theta, self.vertex);
+        kind.add_vertex_derivative(theta, self.vertex, self.along, by_theta);
+        self.along[0] * vertex[0] + self.along[1] * vertex[1] - self.position
+    }
+}
+
 /// Both ends of an open chain near `theta`, from points with their covariances `[xx, xy, yy]`; none of any other kind.
 ///
 /// With `n` places spread evenly over a last piece of length `e`, each with an error `σ_i` along it, the most likely `e` of

@@ -1,6 +1,8 @@
 //! One kind of contour fitted to readings.
 
 use super::ends::ends;
+use super::held::Held;
+use super::joints::joints;
 use super::kind::Kind;
 use super::likelihood::placed;
 use super::plausible::{corners_are_real, stays_near};
@@ -146,7 +148,7 @@ fn fit_within(kind: &Kind, sightings: &[Sighting], options: &FitOptions, thresho
     let setting = setting(kind, sightings, options)?;
     let mut best: Option<ContourFit> = None;
     for start in candidates(&setting, sightings, options)? {
-        let setting = with_ends(&setting, sightings, &start);
+        let setting = with_held(&setting, sightings, &start);
         let Ok(found) = fit_from(&setting, sightings, &start, options, thresholds) else {
             continue;
         };
@@ -185,7 +187,7 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&setting, sightings, options)? {
-        let setting = with_ends(&setting, sightings, &start);
+        let setting = with_held(&setting, sightings, &start);
         let (readings, groups) = equations(&setting, sightings);
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
@@ -237,7 +239,7 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
             times.fold(f64::INFINITY, f64::min)
         },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
-        ends: Vec::new(),
+        held: Vec::new(),
     };
     if sightings.len() < setting.unknowns() {
         return Err(Error::undetermined(format!(
@@ -249,13 +251,16 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
     Ok(setting)
 }
 
-/// With the ends of an open chain that is about where it starts.
-fn with_ends(setting: &Setting, sightings: &[Sighting], start: &[f64]) -> Setting {
+/// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
+fn with_held(setting: &Setting, sightings: &[Sighting], start: &[f64]) -> Setting {
     let mut setting = setting.clone();
+    let theta = &start[..setting.kind.parameters()];
+    setting.held = joints(&setting.kind, theta).into_iter().map(Held::Joint).collect();
     if let Kind::Chain { closed: false, .. } = setting.kind {
         let at_rest = |sighting: &Sighting| ContourReading::of(&setting, sighting).seen_at_rest(start);
         let points: Vec<_> = sightings.iter().map(at_rest).collect();
-        setting.ends = ends(&setting.kind, &start[..setting.kind.parameters()], &points);
+        let ends = ends(&setting.kind, theta, &points);
+        setting.held.extend(ends.into_iter().map(Held::End));
     }
     setting
 }
@@ -285,7 +290,7 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
         pivot: [0.0; 2],
         time_s: 0.0,
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
-        ends: Vec::new(),
+        held: Vec::new(),
     };
     let (readings, groups) = equations(&setting, exact);
     kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
@@ -358,10 +363,10 @@ pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> 
         .map(|sighting| ContourReading::of(setting, sighting))
         .collect();
     if let Some(sighting) = sightings.first() {
-        for &end in &setting.ends {
+        for &held in &setting.held {
             groups.push(numbers.len() + readings.len() - sightings.len());
             readings.push(ContourReading {
-                end: Some(end),
+                held: Some(held),
                 ..ContourReading::of(setting, sighting)
             });
         }

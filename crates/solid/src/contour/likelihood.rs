@@ -58,7 +58,7 @@ pub(super) struct Placed {
 /// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about `−½ Σ s²`; all kinds
 /// share them. On a straight side that is long beside σ the integral is the normal density of the distance; at corners, and
 /// where the outline bends within a few σ, it is what the distance to the nearest side is not: the likelihood. An endless line
-/// counts from the first to the last reading. Cost: a few exponentials a reading and piece, thirty for an arc.
+/// counts from the first to the last reading, and so does a circle or ellipse of which a part was not seen. Cost: a few exponentials a reading and piece, thirty for an arc.
 ///
 /// # References
 /// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional relations, and the
@@ -71,8 +71,9 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
             Spot { point, covariance }
         })
         .collect();
-    let strokes = strokes(&setting.kind, &state[..setting.kind.parameters()], &spots);
-    let seen = seen_lengths(&strokes, &spots, 0.5 * usual_gap(sightings));
+    let gap = usual_gap(sightings);
+    let strokes = strokes(&setting.kind, &state[..setting.kind.parameters()], &spots, gap);
+    let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
     let (low, high) = extent(&spots);
     let size = [high[0] - low[0], high[1] - low[1]];
     // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no shorter than they reach.
@@ -119,13 +120,31 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
     bounds
 }
 
-fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
-    let whole = |semi: [f64; 2], turn: [f64; 2]| Stroke::Round {
-        center: [theta[0], theta[1]],
-        semi,
-        turn,
-        from: 0.0,
-        sweep: TAU,
+/// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in a part that is wider than `gap`.
+fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
+    let round = |semi: [f64; 2], turn: [f64; 2]| {
+        let center = [theta[0], theta[1]];
+        let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
+        angles.sort_by(f64::total_cmp);
+        let (mut from, mut free) = (0.0, 0.0);
+        for (k, &after) in angles.iter().enumerate() {
+            let before = if k > 0 {
+                angles[k - 1]
+            } else {
+                angles[angles.len() - 1] - TAU
+            };
+            if after - before > free {
+                (from, free) = (after, after - before);
+            }
+        }
+        let is_whole = free * semi[0].max(semi[1]) <= gap;
+        Stroke::Round {
+            center,
+            semi,
+            turn,
+            from,
+            sweep: if is_whole { TAU } else { TAU - free },
+        }
     };
     match kind {
         Kind::Line => {
@@ -135,8 +154,8 @@ fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
             let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
             vec![Stroke::Straight([at(low), at(high)])]
         }
-        Kind::Circle => vec![whole([theta[2], theta[2]], [1.0, 0.0])],
-        Kind::Ellipse => vec![whole([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
+        Kind::Circle => vec![round([theta[2], theta[2]], [1.0, 0.0])],
+        Kind::Ellipse => vec![round([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
         _ => {
             let count = kind.pieces() + usize::from(!kind.is_closed());
             let mut vertices = vec![[0.0; 2]; count];
@@ -146,6 +165,14 @@ fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot]) -> Vec<Stroke> {
                 .collect()
         }
     }
+}
+
+/// The angle about an ellipse at which a point lies, in (−π, π]; of a point on it, its parameter.
+fn foot(p: [f64; 2], center: [f64; 2], semi: [f64; 2], turn: [f64; 2]) -> f64 {
+    let d = [p[0] - center[0], p[1] - center[1]];
+    let along = (turn[0] * d[0] + turn[1] * d[1]) / semi[0];
+    let across = (turn[0] * d[1] - turn[1] * d[0]) / semi[1];
+    across.atan2(along)
 }
 
 /// The length of each piece that lies within `reach` of a reading.
@@ -242,12 +269,7 @@ impl Stroke {
                 sweep,
             } => {
                 let [xx, xy, yy] = spot.covariance;
-                let d = [spot.point[0] - center[0], spot.point[1] - center[1]];
-                let scaled = [
-                    (turn[0] * d[0] + turn[1] * d[1]) / semi[0],
-                    (turn[0] * d[1] - turn[1] * d[0]) / semi[1],
-                ];
-                let foot = scaled[1].atan2(scaled[0]);
+                let foot = foot(spot.point, *center, *semi, *turn);
                 let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
                 let largest = (0.5 * (xx + yy) + spread).sqrt();
                 let least = (0.5 * (xx + yy) - spread).max(0.0).sqrt().max(0.05 * largest);

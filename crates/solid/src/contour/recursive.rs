@@ -76,7 +76,7 @@ pub(super) fn recursive(
         ..ImplicitOptions::default()
     };
     let mut seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
-    // Behind them are those of the ends.
+    // Behind them are those of what is held.
     seen.distances.truncate(sightings.len());
     let Judged {
         used,

@@ -1,7 +1,7 @@
 //! A reading of a contour as an implicit equation.
 
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
-use super::ends::End;
+use super::held::Held;
 use super::kind::Kind;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 
@@ -128,8 +128,8 @@ pub(crate) struct Setting {
     pub(crate) time_s: f64,
     /// Whether ranges have the error of their pose behind the state, and not in their own noise.
     pub(crate) shared_poses: bool,
-    /// Where an open outline ends.
-    pub(crate) ends: Vec<End>,
+    /// What is known of a chain beside the readings: where an open one ends, and which joints are smooth.
+    pub(crate) held: Vec<Held>,
 }
 
 impl Setting {
@@ -138,11 +138,11 @@ impl Setting {
     }
 }
 
-/// A sighting against a contour, or in its place an end of an open one.
+/// A sighting against a contour, or in its place something known of it.
 pub(crate) struct ContourReading<'a> {
     pub(crate) setting: &'a Setting,
     pub(crate) sighting: &'a Sighting,
-    pub(crate) end: Option<End>,
+    pub(crate) held: Option<Held>,
 }
 
 /// A point with its derivatives by noise, and by shared pose errors.
@@ -157,8 +157,11 @@ struct Place {
 impl<'a> ContourReading<'a> {
     /// That of a sighting.
     pub(crate) fn of(setting: &'a Setting, sighting: &'a Sighting) -> Self {
-        let end = None;
-        Self { setting, sighting, end }
+        Self {
+            setting,
+            sighting,
+            held: None,
+        }
     }
 
     fn place(&self, x: &[f64], u: &[f64]) -> Place {
@@ -299,7 +302,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn noise(&self) -> usize {
-        if self.end.is_some() {
+        if self.held.is_some() {
             return 1;
         }
         match self.sighting.target {
@@ -310,7 +313,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn branches(&self) -> usize {
-        if self.end.is_some() {
+        if self.held.is_some() {
             return 1;
         }
         match self.setting.form {
@@ -322,11 +325,10 @@ impl ImplicitReading for ContourReading<'_> {
     fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
         let k = self.setting.kind.parameters();
         by_state.fill(0.0);
-        if let Some(end) = self.end {
-            let vertex = self.setting.kind.vertex(&x[..k], end.vertex);
-            (self.setting.kind).add_vertex_derivative(&x[..k], end.vertex, end.along, &mut by_state[..k]);
-            by_noise[0] = end.sigma;
-            return end.along[0] * vertex[0] + end.along[1] * vertex[1] - end.position + end.sigma * u[0];
+        if let Some(held) = self.held {
+            let missed = held.missed(&self.setting.kind, &x[..k], &mut by_state[..k]);
+            by_noise[0] = held.sigma();
+            return missed + held.sigma() * u[0];
         }
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
@@ -355,7 +357,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
-        if self.end.is_some() {
+        if self.held.is_some() {
             hessian[0][0] = 0.0;
             return true;
         }
@@ -397,7 +399,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.end.is_some() {
+        if self.held.is_some() {
             return 0.0;
         }
         let k = self.setting.kind.parameters();
@@ -411,7 +413,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
-        if self.end.is_some() {
+        if self.held.is_some() {
             return Some(0);
         }
         if self.setting.shared_poses {
@@ -424,7 +426,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::Product || self.end.is_some() {
+        if self.setting.form == Form::Product || self.held.is_some() {
             return f64::INFINITY;
         }
         let k = self.setting.kind.parameters();
@@ -437,7 +439,7 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 || self.end.is_some() {
+        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 || self.held.is_some() {
             return 0.0;
         }
         // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.

@@ -60,7 +60,7 @@ fn derivatives_are_those_of_differences() {
                 pivot: [0.2, 0.1],
                 time_s: 0.0,
                 shared_poses,
-                ends: Vec::new(),
+                held: Vec::new(),
             };
             let reading = ContourReading::of(&setting, &sighting);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();

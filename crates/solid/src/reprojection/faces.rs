@@ -2,7 +2,7 @@
 //!
 //! A ray meets a surface in closed form for planes and cylinders; for any other by its signed distance, which changes by no more than the way
 //! gone: where it is larger than half an interval, the ray meets nothing there. Whether a point of the surface is in the face is told by the
-//! nearest loop along the second parameter: loops have their face to the left.
+//! nearest loop along the second parameter, of spheres and tori else along the first: loops have their face to the left.
 
 use crate::brep::{Coedge, Face, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
@@ -124,26 +124,34 @@ impl<'a> TrimmedFace<'a> {
         let is_plane = matches!(self.face.surface, Surface::Plane { .. });
         let at = scan_parameters(&self.face.surface, p);
         let first = |uv: [f64; 2]| if is_plane { uv[0] - at[0] } else { turn(uv[0] - at[0]) };
-        let second = |uv: [f64; 2]| {
-            if self.second_is_angle {
-                turn(uv[1] - at[1])
-            } else {
-                uv[1] - at[1]
-            }
+        let second = |uv: [f64; 2]| match self.second_is_angle {
+            true => turn(uv[1] - at[1]),
+            false => uv[1] - at[1],
         };
+        if let Some(is_in) = self.by_scan(!is_plane, &first, &second) {
+            return is_in;
+        }
+        // On spheres and tori no loop may come by along the second parameter; along the first, turned by a right angle, one may.
+        let across = (self.second_is_angle).then(|| self.by_scan(true, &second, &|uv| -first(uv)));
+        across.flatten().unwrap_or_else(|| self.is_left_of_nearest(p))
+    }
+
+    /// Whether a point is in the face by the nearest loop along the second of two parameters, each from the point's own; none where no loop has its first one.
+    fn by_scan(
+        &self,
+        first_is_angle: bool,
+        first: &dyn Fn([f64; 2]) -> f64,
+        second: &dyn Fn([f64; 2]) -> f64,
+    ) -> Option<bool> {
         let mut crossed: Vec<(f64, bool)> = Vec::new();
         for (coedge, points) in &self.coedges {
             for pair in points.windows(2) {
                 let [from, to] = [pair[0], pair[1]];
                 let a = first(from.uv);
-                let step = if is_plane {
-                    to.uv[0] - from.uv[0]
-                } else {
-                    turn(to.uv[0] - from.uv[0])
-                };
-                let b = a + step;
+                let step = first(to.uv) - a;
+                let b = a + if first_is_angle { turn(step) } else { step };
                 if (a > 0.0) != (b > 0.0) {
-                    crossed.push((self.second_at(*coedge, [from.t, to.t], [a, b], &first, &second), b > a));
+                    crossed.push((self.second_at(*coedge, [from.t, to.t], [a, b], first, second), b > a));
                 }
             }
         }
@@ -154,10 +162,10 @@ impl<'a> TrimmedFace<'a> {
             match crossed.get(k + 1) {
                 Some(&(next, runs_next)) if (next - off).abs() < 1e-7 && runs_next != runs_on => k += 2,
                 // Above a point in the face the loop runs back, below it on.
-                _ => return (runs_on == (off < 0.0)) == self.face.outward,
+                _ => return Some((runs_on == (off < 0.0)) == self.face.outward),
             }
         }
-        self.is_left_of_nearest(p)
+        None
     }
 
     /// The second parameter, from the point's own, where a loop has the point's first one: between two parameters of its curve.

@@ -2,8 +2,8 @@
 
 use super::faces::TrimmedFace;
 use super::scene::Eye;
-use crate::brep::{Coedge, Solid, Surface, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use crate::brep::{Coedge, Curve, Solid, Surface, along, unit};
+use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};
 
 /// Faces whose normals' cosine differs from ±1 by less run smoothly into each other.
@@ -16,6 +16,8 @@ const BESIDE: f64 = 1e-4;
 const CHORD: f64 = 5e-6;
 /// Cells of a curved face's parameters in which outlines are looked for.
 const CELLS: [usize; 2] = [48, 24];
+/// Parts of a circle of touch.
+const AROUND: usize = 720;
 /// How often a part of an outline is halved.
 const HALVINGS: usize = 4;
 
@@ -165,6 +167,90 @@ fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize
 
 /// Where the line of sight touches a curved face: `n · e = 0`, with the face on both sides.
 fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
+    if let Some(circles) = touching_circles(face.surface(), eye.towards()) {
+        return circles
+            .iter()
+            .flat_map(|circle| parts_of_circle(face, circle, eye.towards(), size))
+            .collect();
+    }
+    touching_by_cells(face, eye, size)
+}
+
+/// The circles along which the line of sight touches a sphere, or a torus whose axis lies along or across it; none of any other surface.
+fn touching_circles(surface: &Surface, e: [f64; 3]) -> Option<Vec<Curve>> {
+    let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| Curve::Ellipse {
+        center,
+        a: scale(radius, a),
+        b: scale(radius, b),
+    };
+    match *surface {
+        Surface::Sphere {
+            center,
+            axis,
+            x,
+            radius,
+        } => {
+            let a = if dot(axis, e).abs() < 0.9 { axis } else { x };
+            let a = unit(along(a, -dot(a, e), e));
+            Some(vec![circle(center, a, cross(e, a), radius)])
+        }
+        Surface::Torus {
+            center,
+            axis,
+            x,
+            major,
+            minor,
+        } => {
+            let y = cross(axis, x);
+            let tilt = dot(axis, e).abs();
+            if tilt > 1.0 - 1e-9 {
+                let rings = [major - minor, major + minor].into_iter().filter(|r| *r > 0.0);
+                Some(rings.map(|r| circle(center, x, y, r)).collect())
+            } else if tilt < 1e-9 {
+                let w = unit(cross(axis, e));
+                let tubes = [-major, major].map(|r| circle(along(center, r, w), w, axis, minor));
+                let rims = [-minor, minor].map(|h| circle(along(center, h, axis), x, y, major));
+                Some(tubes.into_iter().chain(rims).collect())
+            } else {
+                None
+            }
+        }
+        _ => None,
+    }
+}
+
+/// The parts of a circle of touch that have the face on both sides.
+fn parts_of_circle(face: &TrimmedFace<'_>, circle: &Curve, e: [f64; 3], size: f64) -> Vec<Vec<[f64; 3]>> {
+    let surface = face.surface();
+    let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
+    let is_in = |k: usize| {
+        let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
+        // The line of sight is a tangent there, and leads across.
+        [-1.0, 1.0].into_iter().all(|side| {
+            let beside = surface.parameters(along(q, side * BESIDE * size, e));
+            face.contains(surface.point(beside))
+        })
+    };
+    let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
+    let Some(gap) = inside.iter().position(|i| !i) else {
+        return vec![(0..=AROUND).map(point).collect()];
+    };
+    let mut found: Vec<Vec<[f64; 3]>> = Vec::new();
+    let mut runs = false;
+    for k in gap..gap + AROUND {
+        let is_in = inside[k % AROUND];
+        match found.last_mut() {
+            Some(part) if is_in && runs => part.push(point(k + 1)),
+            _ if is_in => found.push(vec![point(k), point(k + 1)]),
+            _ => {}
+        }
+        runs = is_in;
+    }
+    found
+}
+
+/// As [`touching`], of any surface, by the cells of its parameters at whose corners `n · e` has both signs.
+fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
     let surface = face.surface();
     let towards = |uv: [f64; 2]| dot(surface.normal(surface.point(uv)), eye.towards());
     let [from, to] = second_range(face);

@@ -1,0 +1,184 @@
+//! A merged mesh as one spline surface.
+//!
+//! Comes in: a merged mesh without handles. Goes out: a hierarchical spline through its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the
+//! mesh's σ; how far the surface leaves the vertices is reported.
+//!
+//! The σ of neighbouring vertices are not independent: they come of the same readings. Fused as if they were, they would make the surface far too certain. So the
+//! information of the fit is divided by the median of `σ_mesh² / σ_fit²`, which leaves the mean as it is, and what a cell's vertices say beyond that goes into the
+//! cell's own variance.
+
+use super::Merged;
+use crate::compare::feet_on;
+use crate::fit::{FitOptions, fit};
+use crate::model::{SigmaSummary, SurfaceModel};
+use crate::output::{OutputOptions, PlannedOutput, WrittenFile, prepare};
+use crate::point_sigmas::sigmas_along;
+use crate::progress::{Progress, WRITING_STAGE};
+use crate::saved::Session;
+use planish_estimate::vector3::{dot, sub};
+use planish_estimate::{Error, Result};
+use planish_exchange::{PosedScan, ScanSet};
+use planish_mesh::quantile_of_sorted;
+use planish_sense::{Scan, Sensor, SensorKind};
+use serde::Serialize;
+
+/// What became of a merged mesh as a spline.
+#[derive(Debug, Clone, Serialize, PartialEq)]
+pub struct SplineReport {
+    /// The topology.
+    pub shape: String,
+    /// Control vertices.
+    pub coefficients: usize,
+    /// Levels of the hierarchy.
+    pub levels: usize,
+    /// Root mean square of the distances of the mesh's vertices from the surface.
+    pub rms: f64,
+    /// Quantiles of σ of the surface at the mesh's vertices.
+    pub sigma: SigmaSummary,
+    /// By how much the variances of a fit of independent vertices were multiplied.
+    pub variance_factor: f64,
+}
+
+/// A merged surface as a model.
+#[derive(Debug, Clone)]
+pub struct MergedSpline {
+    /// The model, with the σ of the mesh.
+    pub model: SurfaceModel,
+    /// How it follows the mesh.
+    pub report: SplineReport,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// The handles of a mesh of one part: half of `2 − χ − b` with Euler's characteristic χ and `b` closed curves of the boundary.
+fn handles(merged: &Merged) -> i64 {
+    let check = merged.mesh.check();
+    (2 - check.euler_characteristic - check.boundary_loops as i64) / 2
+}
+
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits it.
+///
+/// # Errors
+/// `Unsupported` for a mesh of several parts or with handles; else as [`fit`].
+pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
+    if merged.report.parts != 1 {
+        return Err(Error::unsupported(format!(
+            "the merged surface has {} parts: a spline model needs one; write a mesh, or merge the patches of one part only",
+            merged.report.parts
+        )));
+    }
+    let handles = handles(merged);
+    if handles > 0 {
+        return Err(Error::unsupported(format!(
+            "the merged surface has {handles} {}: a spline model needs none (a sheet, a tube or a ball); write a mesh",
+            if handles == 1 { "handle" } else { "handles" }
+        )));
+    }
+    let measured: Vec<usize> = (0..merged.mesh.positions.len())
+        .filter(|&v| merged.observed[v] == 1)
+        .collect();
+    let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect::<Vec<_>>();
+    let sigma: Vec<f64> = measured.iter().map(|&v| merged.sigma[v]).collect();
+    let (points, normals) = (of(&merged.mesh.positions), of(&merged.normals));
+    let set = ScanSet {
+        unit: Some(merged.report.unit),
+        sensors: vec![Sensor {
+            name: "merged patches".to_owned(),
+            kind: SensorKind::Range,
+            noise: None,
+            sigma_normal_deg: None,
+            sigma_curvature: None,
+            sigma_bias: None,
+        }],
+        scans: vec![PosedScan {
+            scan: Scan {
+                name: "merged mesh".to_owned(),
+                points: points.clone(),
+                sigma: Some(sigma.clone()),
+                normals: Some(normals.clone()),
+                ..Scan::default()
+            },
+            sensor: 0,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+        }],
+        ..ScanSet::default()
+    };
+    let options = FitOptions {
+        seed,
+        held_out_share: 0.0,
+        ..FitOptions::default()
+    };
+    let fitted = fit(&set, &options, progress)?;
+    let mut model = fitted.model;
+    model.shape_left.clear();
+    // What of each vertex the surface and the mesh say.
+    let feet = feet_on(&model.surface, &points, |k| normals[k])?;
+    let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
+    let leaf: Vec<u32> = inside.iter().map(|&k| feet[k].leaf).collect();
+    let local: Vec<[f64; 2]> = inside.iter().map(|&k| feet[k].local).collect();
+    let along: Vec<[f64; 3]> = inside.iter().map(|&k| feet[k].normal).collect();
+    let of_fit = sigmas_along(&model.posterior()?, &leaf, &local, &along)?;
+    let mut ratios: Vec<f64> = (inside.iter().zip(&of_fit))
+        .map(|(&k, own)| (sigma[k] / own).powi(2))
+        .filter(|ratio| ratio.is_finite())
+        .collect();
+    if ratios.is_empty() {
+        return Err(Error::undetermined(
+            "no vertex of the merged mesh has a foot on the spline: write a mesh",
+        ));
+    }
+    ratios.sort_by(f64::total_cmp);
+    let factor = quantile_of_sorted(&ratios, 0.5).max(1.0);
+    for information in [&mut model.prior, &mut model.data] {
+        for value in information.values_mut() {
+            *value /= factor;
+        }
+        for value in information.vector_mut() {
+            *value /= factor;
+        }
+    }
+    model.smoothness_weight /= factor;
+    // Distances, and what the mesh says beyond the fit, by cells.
+    let leaves = model.observed.len();
+    let mut beyond = vec![[0.0; 2]; leaves];
+    let mut square = 0.0;
+    for (j, &k) in inside.iter().enumerate() {
+        let off = dot(sub(points[k], feet[k].jet.point), along[j]);
+        square += off * off;
+        let sums = &mut beyond[leaf[j] as usize];
+        sums[0] += sigma[k] * sigma[k] + off * off - factor * of_fit[j] * of_fit[j];
+        sums[1] += 1.0;
+    }
+    model.shape_left = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
+    let sigma = sigmas_along(&model.posterior()?, &leaf, &local, &along)?;
+    let report = SplineReport {
+        shape: fitted.report.shape,
+        coefficients: fitted.report.coefficients,
+        levels: fitted.report.levels,
+        rms: (square / inside.len() as f64).sqrt(),
+        sigma: SigmaSummary::of(sigma),
+        variance_factor: factor,
+    };
+    Ok(MergedSpline {
+        model,
+        report,
+        warnings: fitted.report.warnings,
+    })
+}
+
+/// Writes the model as STEP or as a saved model.
+///
+/// # Errors
+/// As [`prepare`], and `Io`.
+pub fn write_spline(
+    spline: &MergedSpline,
+    outputs: &[PlannedOutput],
+    provenance: &[Session],
+    progress: &dyn Progress,
+) -> Result<Vec<WrittenFile>> {
+    let posterior = spline.model.posterior()?;
+    let prepared = prepare(&spline.model, &posterior, outputs, &OutputOptions::default())?;
+    progress.check(WRITING_STAGE, 0.97)?;
+    prepared.write(provenance)
+}

@@ -1,0 +1,117 @@
+//! Joints of a chain that look smooth.
+//!
+//! Where an arc goes on from a line in its direction, the joint can slide along the line while the arc's circle stays what it is: the outline changes to second
+//! order only, and readings alone leave it free. Comes in: a chain about where it is. Goes out: an equation for each joint that is nearly smooth: that it is
+//! smooth, to a few degrees. Not guaranteed: that it is; where readings know better they overrule it.
+
+use super::curve::ends;
+use super::kind::Kind;
+use std::f64::consts::{PI, TAU};
+
+/// The σ of a smooth joint's angle: what is beyond is seen as a corner.
+const SIGMA_RAD: f64 = 5.0 * PI / 180.0;
+/// Joints that turn by more than so many σ are corners.
+const CORNER: f64 = 3.0;
+
+/// A joint that turns by nothing, to σ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Joint {
+    /// The piece that ends there, and the next.
+    pub(crate) pieces: [usize; 2],
+    /// The σ of the angle.
+    pub(crate) sigma_rad: f64,
+}
+
+impl Joint {
+    /// The angle by which the outline turns there, in (−π, π]; its derivative is added to `by_theta`.
+    ///
+    /// With `e` the chord of a piece and `b = tan(θ/4)`, the outline leaves it at `atan2(e_y, e_x) + 2 atan b` and enters it at `… − 2 atan b`.
+    pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+        let mut turn = 0.0;
+        for (piece, sign) in self.pieces.into_iter().zip([-1.0, 1.0]) {
+            let (from, to) = ends(kind, piece);
+            let (a, b) = (kind.vertex(theta, from), kind.vertex(theta, to));
+            let e = [b[0] - a[0], b[1] - a[1]];
+            let square = (e[0] * e[0] + e[1] * e[1]).max(f64::MIN_POSITIVE);
+            let (bulge, index) = kind.bulge(theta, piece);
+            turn += sign * e[1].atan2(e[0]) - 2.0 * bulge.atan();
+            let by_end = [-sign * e[1] / square, sign * e[0] / square];
+            kind.add_vertex_derivative(theta, to, by_end, by_theta);
+            kind.add_vertex_derivative(theta, from, by_end.map(|d| -d), by_theta);
+            if let Some(index) = index {
+                by_theta[index] -= 2.0 / (1.0 + bulge * bulge);
+            }
+        }
+        turn - TAU * (turn / TAU).round()
+    }
+}
+
+/// The joints of a chain, with an arc on one side at least, that turn by less than 15° at `theta`; none of any other kind.
+pub(crate) fn joints(kind: &Kind, theta: &[f64]) -> Vec<Joint> {
+    let Kind::Chain { arcs, closed } = kind else {
+        return Vec::new();
+    };
+    let count = arcs.len();
+    let last = if *closed && count > 1 { count } else { count - 1 };
+    (0..last)
+        .map(|k| Joint {
+            pieces: [k, (k + 1) % count],
+            sigma_rad: SIGMA_RAD,
+        })
+        .filter(|joint| joint.pieces.iter().any(|&k| arcs[k]))
+        .filter(|joint| joint.missed(kind, theta, &mut vec![0.0; theta.len()]).abs() <= CORNER * SIGMA_RAD)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line, a quarter circle that goes on from it, and a line that turns by half a right angle.
+    fn bent() -> (Kind, Vec<f64>) {
+        let kind = Kind::Chain {
+            arcs: vec![false, true, false],
+            closed: false,
+        };
+        let bulge = (PI / 8.0).tan();
+        (kind, vec![-1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 2.0, bulge])
+    }
+
+    #[test]
+    fn smooth_joints_are_told_from_corners() {
+        let (kind, theta) = bent();
+        let found = joints(&kind, &theta);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].pieces, [0, 1]);
+        let corner = Joint {
+            pieces: [1, 2],
+            sigma_rad: 1.0,
+        };
+        let turn = corner.missed(&kind, &theta, &mut [0.0; 9]);
+        assert!((turn - 0.25 * PI).abs() < 1e-12, "{turn}");
+        assert!(joints(&Kind::Slot, &[0.0, 0.0, 2.0, 1.0, 0.0]).is_empty());
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let (kind, theta) = bent();
+        for pieces in [[0, 1], [1, 2]] {
+            let joint = Joint { pieces, sigma_rad: 1.0 };
+            let mut by_theta = vec![0.0; theta.len()];
+            joint.missed(&kind, &theta, &mut by_theta);
+            for k in 0..theta.len() {
+                let at = |step: f64| {
+                    let mut near = theta.clone();
+                    near[k] += step;
+                    joint.missed(&kind, &near, &mut vec![0.0; theta.len()])
+                };
+                let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+                assert!(
+                    (slope - by_theta[k]).abs() < 1e-8,
+                    "{pieces:?} {k}: {slope} {}",
+                    by_theta[k]
+                );
+            }
+        }
+    }
+}
