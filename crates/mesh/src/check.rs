@@ -133,6 +133,31 @@ impl MeshCheck {
     }
 }
 
+impl TriangleMesh {
+    /// For each triangle the part of the mesh that it is of, the part with the most triangles being 0. Parts share no vertices.
+    #[must_use]
+    pub fn parts(&self) -> Vec<u32> {
+        let mut sets = Sets::new(self.positions.len());
+        for [a, b, c] in &self.triangles {
+            sets.join(*a, *b);
+            sets.join(*a, *c);
+        }
+        let roots: Vec<u32> = self.triangles.iter().map(|t| sets.root(t[0])).collect();
+        let mut count = std::collections::BTreeMap::new();
+        for root in &roots {
+            *count.entry(*root).or_insert(0_usize) += 1;
+        }
+        let mut order: Vec<(u32, usize)> = count.into_iter().collect();
+        order.sort_by_key(|(root, size)| (std::cmp::Reverse(*size), *root));
+        let rank: std::collections::BTreeMap<u32, u32> = order
+            .iter()
+            .enumerate()
+            .map(|(k, (root, _))| (*root, k as u32))
+            .collect();
+        roots.iter().map(|root| rank[root]).collect()
+    }
+}
+
 /// Disjoint sets of numbers; the root of a set is its least member.
 pub(crate) struct Sets {
     parent: Vec<u32>,
@@ -235,6 +260,7 @@ mod tests {
             (1, 12, 1)
         );
         let two = mesh(8, &[[0, 1, 2], [3, 4, 5], [6, 6, 7]]).check();
+        assert_eq!(mesh(8, &[[0, 1, 2], [3, 4, 5], [6, 5, 7]]).parts(), [1, 0, 0]);
         assert_eq!(
             (two.components, two.unused_vertices, two.degenerate_triangles),
             (2, 2, 1)

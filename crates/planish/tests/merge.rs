@@ -192,5 +192,5 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
     };
     let merged = merge(set, &MergeOptions::default(), &Silent).expect("two of three overlap");
     let refused = merged_spline(&merged, 0, &Silent).expect_err("two parts").to_string();
-    assert!(refused.contains("has 2 parts"), "{refused}");
+    assert!(refused.contains("has 2 parts, the second of"), "{refused}");
 }

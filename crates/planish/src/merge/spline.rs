@@ -1,6 +1,6 @@
 //! A merged mesh as one spline surface.
 //!
-//! Comes in: a merged mesh without handles. Goes out: a hierarchical spline through its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the
+//! Comes in: a merged mesh of one part, and what is small beside it. Goes out: a hierarchical spline through its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the
 //! mesh's σ; how far the surface leaves the vertices is reported.
 //!
 //! The σ of neighbouring vertices are not independent: they come of the same readings. Fused as if they were, they would make the surface far too certain. So the
@@ -18,7 +18,7 @@ use crate::saved::Session;
 use planish_estimate::vector3::{dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
-use planish_mesh::quantile_of_sorted;
+use planish_mesh::{TriangleMesh, quantile_of_sorted};
 use planish_sense::{Scan, Sensor, SensorKind};
 use serde::Serialize;
 
@@ -50,32 +50,53 @@ pub struct MergedSpline {
     pub warnings: Vec<String>,
 }
 
-/// The handles of a mesh of one part: half of `2 − χ − b` with Euler's characteristic χ and `b` closed curves of the boundary.
-fn handles(merged: &Merged) -> i64 {
-    let check = merged.mesh.check();
-    (2 - check.euler_characteristic - check.boundary_loops as i64) / 2
+/// Parts with less than this share of the triangles are left out; there must be no others beside the largest.
+const SMALL_PART: f64 = 0.01;
+
+/// The largest part of a mesh: its own mesh, and which vertices it has; with how many parts were left out.
+fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)> {
+    let parts = mesh.parts();
+    let count = parts.iter().max().map_or(0, |most| *most as usize + 1);
+    let second = parts.iter().filter(|part| **part == 1).count();
+    if second as f64 > SMALL_PART * parts.len() as f64 {
+        return Err(Error::unsupported(format!(
+            "the merged surface has {count} parts, the second of {second} of {} triangles: a spline model needs one part; write a mesh, or merge the patches of one part only",
+            parts.len()
+        )));
+    }
+    let mut largest = mesh.clone();
+    let mut of = parts.iter();
+    largest.triangles.retain(|_| of.next() == Some(&0));
+    let mut is_of = vec![false; mesh.positions.len()];
+    for v in largest.triangles.iter().flatten() {
+        is_of[*v as usize] = true;
+    }
+    Ok((largest, is_of, count.saturating_sub(1)))
 }
 
-/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits it.
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits it. Small parts beside the largest are left out, with
+/// a warning; handles are told in one, as the surface has none.
 ///
 /// # Errors
-/// `Unsupported` for a mesh of several parts or with handles; else as [`fit`].
+/// `Unsupported` for a mesh of several parts; else as [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
-    if merged.report.parts != 1 {
-        return Err(Error::unsupported(format!(
-            "the merged surface has {} parts: a spline model needs one; write a mesh, or merge the patches of one part only",
-            merged.report.parts
-        )));
+    let (largest, is_of, left_out) = largest_part(&merged.mesh)?;
+    let mut warnings = Vec::new();
+    if left_out > 0 {
+        warnings.push(format!(
+            "{left_out} small parts of the merged surface are not in its spline"
+        ));
     }
-    let handles = handles(merged);
+    let check = largest.check();
+    // χ = 2 − 2g − b.
+    let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
     if handles > 0 {
-        return Err(Error::unsupported(format!(
-            "the merged surface has {handles} {}: a spline model needs none (a sheet, a tube or a ball); write a mesh",
-            if handles == 1 { "handle" } else { "handles" }
-        )));
+        warnings.push(format!(
+            "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: see how far it is from the mesh there"
+        ));
     }
-    let measured: Vec<usize> = (0..merged.mesh.positions.len())
-        .filter(|&v| merged.observed[v] == 1)
+    let measured: Vec<usize> = (0..is_of.len())
+        .filter(|&v| is_of[v] && merged.observed[v] == 1)
         .collect();
     let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect::<Vec<_>>();
     let sigma: Vec<f64> = measured.iter().map(|&v| merged.sigma[v]).collect();
@@ -163,7 +184,10 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     Ok(MergedSpline {
         model,
         report,
-        warnings: fitted.report.warnings,
+        warnings: {
+            warnings.extend(fitted.report.warnings);
+            warnings
+        },
     })
 }
 

@@ -131,9 +131,27 @@ impl<'a> TrimmedFace<'a> {
         if let Some(is_in) = self.by_scan(!is_plane, &first, &second) {
             return is_in;
         }
-        // On spheres and tori no loop may come by along the second parameter; along the first, turned by a right angle, one may.
-        let across = (self.second_is_angle).then(|| self.by_scan(true, &second, &|uv| -first(uv)));
-        across.flatten().unwrap_or_else(|| self.is_left_of_nearest(p))
+        // Of spheres and tori no loop may have the point's first parameter. All places that do are in the face, then, or none is: one beside which a loop
+        // runs is looked at along the first parameter, with the axes turned by a right angle.
+        let beside = (self.second_is_angle).then(|| self.steepest());
+        let across = beside.flatten().and_then(|level| {
+            let from_level = |uv: [f64; 2]| turn(uv[1] - level);
+            self.by_scan(true, &from_level, &|uv| -first(uv))
+        });
+        across.unwrap_or_else(|| self.is_left_of_nearest(p))
+    }
+
+    /// The second parameter in the middle of the piece of a loop along which it changes most.
+    fn steepest(&self) -> Option<f64> {
+        let pieces = self.coedges.iter().flat_map(|(_, points)| points.windows(2));
+        let middles = pieces.map(|pair| {
+            let step = turn(pair[1].uv[1] - pair[0].uv[1]);
+            (step.abs(), pair[0].uv[1] + 0.5 * step)
+        });
+        let steepest = middles
+            .filter(|(step, _)| *step > 1e-6)
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        steepest.map(|(_, middle)| middle)
     }
 
     /// Whether a point is in the face by the nearest loop along the second of two parameters, each from the point's own; none where no loop has its first one.
