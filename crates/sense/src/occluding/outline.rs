@@ -4,10 +4,14 @@
 //!
 //! Not guaranteed: the border where the picture ends, where contours are open; corners, which smoothing rounds off.
 
+use super::matching::inside;
 use crate::silhouette::{FRAME, fill, smoothed};
 use crate::{Image, SilhouetteOptions};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
+
+/// Which side of a contour the thing is on is looked at so many pixels beside it.
+const SIDE_PX: f64 = 3.0;
 
 /// Places along a contour of a picture, in order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,6 +20,35 @@ pub struct Contour {
     pub places: Vec<[f64; 2]>,
     /// Whether the first follows the last.
     pub closed: bool,
+}
+
+impl Contour {
+    /// Takes the contour for closed where its ends lie no farther apart than three of its steps.
+    pub fn close(&mut self) {
+        let apart = |p: [f64; 2], q: [f64; 2]| (p[0] - q[0]).hypot(p[1] - q[1]);
+        if let ([first, .., last], true) = (&self.places[..], self.places.len() > 8) {
+            let mut steps: Vec<f64> = self.places.windows(2).map(|pair| apart(pair[0], pair[1])).collect();
+            steps.sort_by(f64::total_cmp);
+            self.closed = apart(*first, *last) <= 3.0 * steps[steps.len() / 2];
+        }
+    }
+
+    /// Turns the way round where the thing, which lies within closed `outlines`, is on the left; as it was where they do not tell.
+    pub fn face(&mut self, outlines: &[Contour]) {
+        let outlines: Vec<Contour> = outlines.iter().filter(|o| o.closed).cloned().collect();
+        let sides: i64 = (self.places.windows(2))
+            .map(|pair| {
+                let [p, q] = [pair[0], pair[1]];
+                let length = (q[0] - p[0]).hypot(q[1] - p[1]).max(f64::MIN_POSITIVE);
+                let out = [(q[1] - p[1]) / length, (p[0] - q[0]) / length].map(|x| SIDE_PX * x);
+                let held = |sign: f64| inside(&outlines, [0, 1].map(|k| p[k] + sign * out[k]));
+                i64::from(held(-1.0)) - i64::from(held(1.0))
+            })
+            .sum();
+        if sides < 0 {
+            self.places.reverse();
+        }
+    }
 }
 
 /// The borders of a mask, in order.
@@ -164,6 +197,28 @@ mod tests {
         }
         // Clockwise as one sees it, with y downwards.
         assert!((turned - std::f64::consts::TAU).abs() < 1e-9, "{turned}");
+    }
+
+    #[test]
+    fn contours_are_closed_and_turned_where_that_is_plain() {
+        let ring = |count: usize| Contour {
+            places: (0..count)
+                .map(|k| 0.1 * k as f64)
+                .map(|a| [50.0 + 20.0 * a.cos(), 50.0 + 20.0 * a.sin()])
+                .collect(),
+            closed: false,
+        };
+        let (mut whole, mut half) = (ring(62), ring(31));
+        whole.close();
+        half.close();
+        assert!(whole.closed && !half.closed);
+        let mut turned = half.clone();
+        turned.places.reverse();
+        turned.face(&[whole.clone()]);
+        half.face(&[whole]);
+        assert_eq!(turned, half);
+        // Clockwise as one sees it: the middle is on the right.
+        assert_eq!(half.places[0], [70.0, 50.0]);
     }
 
     #[test]
