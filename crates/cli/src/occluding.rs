@@ -20,7 +20,8 @@ Examples:
 views.toml holds [[view]] in the order in which the camera took them, each with a mask (or contours, a CSV of x,y,sigma_px,contour), and K R t or P; \
 a view with held_out = true only judges. A place of a contour is matched in the views before and after it along epipolar planes, and the circle that all three \
 lines of sight touch tells its depth; its normal needs none. What contradicts itself, and what the camera's motion leaves open, is counted and left out. \
-Points of neighbouring views that hang together are a strip, and --patch fits a surface to each: patch.1.ply, patch.2.ply and so on, which `planish merge` takes.";
+Points of neighbouring views that hang together are a strip, and --patch makes a surface of each, patch.1.ply, patch.2.ply and so on: meshes that join contours of consecutive views, with σ, as `planish merge` takes them; \
+a sheet is fitted where a spline (.planish, .step) is asked for.";
 
 /// Arguments of `planish sense contours`.
 #[derive(Debug, Args)]
@@ -152,8 +153,8 @@ fn text(done: &OccludingReport) -> String {
                     count(p.points),
                     count(p.views),
                     significant(p.sigma, 3),
-                    significant(p.rms_normalised, 3),
-                    percent(p.observed_area_fraction),
+                    significant(p.area, 4),
+                    percent(p.left_out_share),
                 ]
             })
             .collect();
@@ -163,8 +164,8 @@ fn text(done: &OccludingReport) -> String {
                 ("points", Align::Right),
                 ("views", Align::Right),
                 (&format!("σ / {unit}"), Align::Right),
-                ("rms over σ", Align::Right),
-                ("seen", Align::Right),
+                ("area", Align::Right),
+                ("left out inside", Align::Right),
             ],
             &rows,
         );

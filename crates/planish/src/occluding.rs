@@ -2,7 +2,7 @@
 //!
 //! Comes in: an [`OccludingJob`]. Goes out: the files that it names and an [`OccludingReport`]. Outputs are checked before anything is read.
 //!
-//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip, and each strip becomes a patch by [`fit`](crate::fit::fit): a regularised spline whose σ follows from those of the contours.
+//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by [`fit`](crate::fit::fit).
 //!
 //! Not guaranteed: cameras are taken for exact.
 
@@ -72,10 +72,10 @@ pub struct ContourPatch {
     pub views: usize,
     /// Median σ along its normals.
     pub sigma: f64,
-    /// Residuals over their σ.
-    pub rms_normalised: f64,
-    /// The share of its area that contours saw.
-    pub observed_area_fraction: f64,
+    /// Its area.
+    pub area: f64,
+    /// The share of places along its contours, from first to last in each view, that were left out.
+    pub left_out_share: f64,
 }
 
 /// How far the outlines of surfaces agree with a mask: pixels of both over pixels of either.
@@ -195,10 +195,7 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = Part::new(progress, 0.5, 0.9);
-    let fitted = match job.patches.is_empty() {
-        true => Vec::new(),
-        false => patch::fitted(job, &found, unit, &fitting, &mut warnings)?,
-    };
+    let patches = patch::patches(job, &found, unit, &fitting, &mut warnings)?;
     progress.check(WRITING_STAGE, 0.95)?;
     let mut written = Vec::new();
     for path in &job.outputs {
@@ -218,7 +215,7 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
         }
         (None, _) => {}
     }
-    let patches = patch::written(job, &fitted, &inputs)?;
+    let patches = patch::written(job, patches, unit, &inputs)?;
     progress.advance("done", 1.0);
     Ok(OccludingReport {
         views: views.len(),
@@ -230,7 +227,7 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
         strips: found.strips,
         sigma_depth: of_points(&found, |p| p.sigma_depth),
         sigma_circle: of_points(&found, |p| p.sigma_circle),
-        sigma: of_points(&found, along_normal),
+        sigma: of_points(&found, OccludingPoint::sigma_along_normal),
         sigma_n_deg: of_points(&found, |p| p.sigma_normal_deg),
         left_out: found.left_out,
         unseen_share,
@@ -245,12 +242,6 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
 
 fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) -> Option<SigmaSummary> {
     crate::sense::summary(found.points.iter().map(value).collect())
-}
-
-fn along_normal(point: &OccludingPoint) -> f64 {
-    let (c, n) = (&point.covariance, &point.normal);
-    let variance: f64 = (0..3).map(|i| (0..3).map(|j| n[i] * c[i][j] * n[j]).sum::<f64>()).sum();
-    variance.max(0.0).sqrt()
 }
 
 fn check_outputs(job: &OccludingJob) -> Result<()> {

@@ -9,6 +9,7 @@
 //! | circle | depth and radius from three lines of sight |
 //! | matching | which place of the next view is on the same epipolar curve |
 //! | joining | what contradicts itself between views, the circle's own error, strips |
+//! | organised | a mesh of each strip, its depths regularised |
 //! | hull | what every silhouette leaves of space, and which of its surface no contour saw |
 //!
 //! A contour that a smooth surface draws is no curve on it that stands still: it glides over the surface as the camera moves. Its places in consecutive views are matched along epipolar planes; all three lines of sight of a place and its matches touch the surface's section, and the circle that they touch tells the depth (`circle`). The normal needs no depth: it stands on the line of sight and on the tangent of the contour.
@@ -25,6 +26,7 @@ mod curve;
 mod hull;
 mod joining;
 mod matching;
+mod organised;
 mod outline;
 
 #[cfg(test)]
@@ -39,6 +41,7 @@ use circle::Eye;
 use curve::{Curve, Local};
 use planish_estimate::vector3::{distance, upper_triangle};
 use planish_estimate::{Error, Result};
+use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -96,6 +99,10 @@ impl Default for OccludingOptions {
 pub struct OccludingPoint {
     /// The view whose line of sight it lies on.
     pub view: usize,
+    /// Its contour in that view, and its number along it.
+    pub contour: usize,
+    /// As above.
+    pub place: usize,
     /// The pixel.
     pub pixel: [f64; 2],
     /// Where it is, in the unit of the cameras.
@@ -104,7 +111,7 @@ pub struct OccludingPoint {
     pub covariance: [[f64; 3]; 3],
     /// Unit normal, outwards.
     pub normal: [f64; 3],
-    /// σ of the normal, in degrees: of the contour's tangent, or of where along the line of sight the surface is touched.
+    /// σ of the normal about each of two axes across it, in degrees: the root of the mean of the variances of the contour's tangent, and of where along the line of sight the surface is touched.
     pub sigma_normal_deg: f64,
     /// σ of the depth.
     pub sigma_depth: f64,
@@ -120,11 +127,25 @@ pub struct OccludingPoint {
     pub reach: f64,
 }
 
+impl OccludingPoint {
+    /// σ of the position along the normal.
+    #[must_use]
+    pub fn sigma_along_normal(&self) -> f64 {
+        let (c, n) = (&self.covariance, &self.normal);
+        let variance: f64 = (0..3).map(|i| (0..3).map(|j| n[i] * c[i][j] * n[j]).sum::<f64>()).sum();
+        variance.max(0.0).sqrt()
+    }
+}
+
 /// What contours told.
 #[derive(Debug, Clone, Default)]
 pub struct OccludingContours {
     /// Places, strip after strip, in each by view and along its contours.
     pub points: Vec<OccludingPoint>,
+    /// Their positions with depths regularised along contours and between views, for meshes.
+    pub relaxed: Vec<[f64; 3]>,
+    /// Triangles between the contours of consecutive views, facing outwards, over `points`.
+    pub triangles: Vec<[u32; 3]>,
     /// Places along contours that were asked.
     pub asked: usize,
     /// Those left out, by cause.
@@ -140,6 +161,34 @@ pub struct OccludingContours {
 }
 
 impl OccludingContours {
+    /// The mesh of one strip: contours of consecutive views joined by their matches, with regularised depths; and σ along the normals of its vertices.
+    ///
+    /// # Errors
+    /// `Undetermined` for a strip without triangles.
+    pub fn patch(&self, strip: usize) -> Result<(TriangleMesh, Vec<f64>)> {
+        let mut index = vec![u32::MAX; self.points.len()];
+        let (mut positions, mut sigma) = (Vec::new(), Vec::new());
+        let mut triangles = Vec::new();
+        for t in &self.triangles {
+            if self.points[t[0] as usize].strip != strip {
+                continue;
+            }
+            triangles.push(t.map(|v| {
+                let v = v as usize;
+                if index[v] == u32::MAX {
+                    index[v] = positions.len() as u32;
+                    positions.push(self.relaxed[v]);
+                    sigma.push(self.points[v].sigma_along_normal());
+                }
+                index[v]
+            }));
+        }
+        if triangles.is_empty() {
+            return Err(Error::undetermined(format!("strip {} has no triangles", strip + 1)));
+        }
+        Ok((TriangleMesh::try_new(positions, triangles)?, sigma))
+    }
+
     /// The places of one strip, or of all, as a scan.
     #[must_use]
     pub fn scan(&self, strip: Option<usize>, name: &str) -> Scan {
@@ -229,11 +278,11 @@ pub fn occluding_contours(
     }
     let asked = found.iter().flatten().map(Vec::len).sum();
     let matched = found.iter().flatten().flatten().filter(|f| f.is_ok()).count();
-    let (points, strips) = joining::joined(&ready, &neighbours, &mut found, options);
+    let joined = joining::joined(&ready, &neighbours, &mut found, options);
     for cause in found.iter().flatten().flatten().filter_map(|f| f.as_ref().err()) {
         *left_out.entry(cause).or_default() += 1;
     }
-    if points.is_empty() {
+    if joined.points.is_empty() {
         let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
             "no place of {} views' contours has a depth ({}): are the views in the order of the camera's motion, and does it move across the lines of sight?",
@@ -246,12 +295,14 @@ pub fn occluding_contours(
         .filter(|place| !place.corner);
     let (chi2, freedom) = smooth.fold((0.0, 0.0), |(a, b), p| (a + p.chi2, b + p.freedom));
     Ok(OccludingContours {
-        points,
+        points: joined.points,
+        relaxed: joined.relaxed,
+        triangles: joined.triangles,
         asked,
         left_out,
         matched,
         reduced_chi_square: chi2 / freedom,
-        strips,
+        strips: joined.strips,
         sequences,
     })
 }

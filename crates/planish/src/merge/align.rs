@@ -143,7 +143,11 @@ mod tests {
         let truth = shaken.inverse();
         let found = Pose::from_quaternion_xyzw(poses[1].quaternion_xyzw, poses[1].translation).unwrap();
         let turn = found.after(&shaken);
-        let rotation = Pose { translation: [0.0; 3], ..turn }.rotation_vector();
+        let rotation = Pose {
+            translation: [0.0; 3],
+            ..turn
+        }
+        .rotation_vector();
         let error = Vector6::from_fn(|k, _| match k {
             0..3 => found.translation[k] - truth.translation[k],
             _ => rotation[k - 3],
@@ -156,7 +160,15 @@ mod tests {
         assert!(error.fixed_rows::<3>(0).norm() < 0.02, "{error:?}");
         let apart = merged.report.regions[0].rms;
         assert!(apart < 2.0 * SIGMA, "{apart}");
-        let left = merge(set, &MergeOptions { epsilon: Some(1.0), ..MergeOptions::default() }, &Silent).unwrap();
+        let left = merge(
+            set,
+            &MergeOptions {
+                epsilon: Some(1.0),
+                ..MergeOptions::default()
+            },
+            &Silent,
+        )
+        .unwrap();
         assert!(left.report.regions[0].rms > 4.0 * apart && left.report.poses.is_empty());
     }
 }

@@ -15,7 +15,7 @@
 
 use super::curve::{Local, inverse3};
 use crate::stripes::Pinhole;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 
 /// A pinhole with what is asked of it often.
@@ -227,6 +227,7 @@ pub(super) fn add_along(covariance: &mut [[f64; 3]; 3], way: [f64; 3], variance:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_estimate::vector3::add;
 
     /// Cameras in a plane through a ball's middle, in line or not: depth and radius are exact, as the curve is a circle.
     #[test]

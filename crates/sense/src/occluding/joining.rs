@@ -6,6 +6,7 @@
 
 use super::circle::add_along;
 use super::matching::Found;
+use super::organised::{Following, relaxed, triangles};
 use super::{OccludingOptions, OccludingPoint, Ready, Spot};
 use planish_estimate::vector3::distance;
 
@@ -51,13 +52,22 @@ fn linked(
     Some((other, spot.line, nearest(&ready[other], spot)))
 }
 
-/// Takes out what contradicts itself, and gives what is left, with the number of strips.
+/// What is left, strip after strip.
+pub(super) struct Joined {
+    pub points: Vec<OccludingPoint>,
+    /// Their positions with regularised depths.
+    pub relaxed: Vec<[f64; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+    pub strips: usize,
+}
+
+/// Takes out what contradicts itself, and gives what is left.
 pub(super) fn joined(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
     places: &mut Places,
     options: &OccludingOptions,
-) -> (Vec<OccludingPoint>, usize) {
+) -> Joined {
     let keys = keys(places);
     let wrong: Vec<Key> = (keys.iter().copied())
         .filter(|key| (0..2).any(|side| !comes_back(ready, neighbours, places, *key, side)))
@@ -77,6 +87,10 @@ pub(super) fn joined(
     // Strips, by links along contours and between views.
     let mut parent: Vec<usize> = (0..keys.len()).collect();
     let mut reach = vec![0.0_f64; keys.len()];
+    let mut following = Following {
+        along: vec![None; keys.len()],
+        across: vec![None; keys.len()],
+    };
     for (k, key) in keys.iter().enumerate() {
         let along = next_along(ready, *key).and_then(|next| of_key.get(&next));
         let across = linked(ready, neighbours, places, *key, 1).and_then(|next| of_key.get(&next));
@@ -93,6 +107,12 @@ pub(super) fn joined(
             };
             if apart <= JUMP * step + unsure + glide {
                 union(&mut parent, k, other);
+                let next = if is_along {
+                    &mut following.along
+                } else {
+                    &mut following.across
+                };
+                next[k] = Some(other);
                 reach[k] = reach[k].max(apart);
                 reach[other] = reach[other].max(apart);
             }
@@ -106,20 +126,37 @@ pub(super) fn joined(
         .collect();
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
     let strip_of: std::collections::BTreeMap<usize, usize> = order.iter().enumerate().map(|(s, r)| (*r, s)).collect();
-    let mut kept = Vec::new();
-    for (k, mut point) in points.drain(..).enumerate() {
+    let mut kept: Vec<usize> = Vec::new();
+    for k in 0..keys.len() {
         let (view, line, place) = keys[k];
         match strip_of.get(&roots[k]) {
             Some(strip) => {
-                point.strip = *strip;
-                point.reach = reach[k];
-                kept.push(point);
+                points[k].strip = *strip;
+                points[k].reach = reach[k];
+                kept.push(k);
             }
             None => places[view][line][place] = Err("speck"),
         }
     }
-    kept.sort_by_key(|p| p.strip);
-    (kept, order.len())
+    kept.sort_by_key(|k| points[*k].strip);
+    let mut index = vec![None; keys.len()];
+    kept.iter().enumerate().for_each(|(new, old)| index[*old] = Some(new));
+    let moved = |next: &[Option<usize>]| kept.iter().map(|k| index[next[*k]?]).collect();
+    let following = Following {
+        along: moved(&following.along),
+        across: moved(&following.across),
+    };
+    let ways: Vec<[f64; 3]> = (kept.iter())
+        .map(|k| found(places, keys[*k]).map_or([0.0; 3], |f| f.sight.way))
+        .collect();
+    let points: Vec<OccludingPoint> = kept.iter().map(|k| points[*k]).collect();
+    let relaxed = relaxed(&points, &ways, &following);
+    Joined {
+        triangles: triangles(&points, &relaxed, &following),
+        points,
+        relaxed,
+        strips: order.len(),
+    }
 }
 
 fn keys(places: &Places) -> Vec<Key> {
@@ -224,9 +261,12 @@ fn point(
     let radius = solved.radius.max(own.placed.radius.sqrt());
     let bend = (0.75 * depth * depth / (radius * radius)).min(depth);
     add_along(&mut covariance, own.sight.normal, bend);
-    let tilt = (depth.sqrt() / radius).max(own.here.sigma_turn);
+    // About the contour's tangent a depth that is off tilts it, about the line of sight the tangent does.
+    let tilt = (0.5 * (depth / (radius * radius) + own.here.sigma_turn.powi(2))).sqrt();
     OccludingPoint {
         view,
+        contour: line,
+        place,
         pixel: own.here.place,
         position: own.placed.position,
         covariance,
