@@ -1,6 +1,6 @@
 """Occluding contours to patches to one whole: the hyperboloid and the carafe of R. Mohr, C. Zhao and G. Koscielny (1994), from two motions of a camera each.
 
-Needs numpy and matplotlib, and the command `planish` (its path is the first argument). Writes docs/images/contours-*.png and prints the table of docs/occluding-contours.md.
+Needs numpy, scipy and matplotlib, and the command `planish` (its path is the first argument; shapes may follow). Writes docs/images/contours-*.png and prints the table of docs/occluding-contours.md.
 
     python benches/peers/contours.py target/release/planish
 """
@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from scipy.spatial import cKDTree
 
 PLANISH = str(pathlib.Path(sys.argv[1]).resolve())
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -108,7 +109,7 @@ def without_shared(meshes, reach):
     for k, (points, faces) in enumerate(meshes):
         others = np.concatenate([p for j, (p, _) in enumerate(meshes) if j != k])
         middles = points[faces].mean(1)
-        near = np.array([np.min(np.sum((others - m) ** 2, 1)) < reach**2 for m in middles])
+        near = cKDTree(others).query(middles)[0] < reach
         left.append((points, faces[~near]))
     return left
 
@@ -150,5 +151,5 @@ def show(shape, folder):
 
 IMAGES.mkdir(exist_ok=True)
 with tempfile.TemporaryDirectory() as scratch:
-    for shape in ("hyperboloid", "carafe"):
+    for shape in sys.argv[2:] or ("hyperboloid", "carafe"):
         show(shape, pathlib.Path(scratch) / shape)
