@@ -33,7 +33,6 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         epsilon: args.epsilon,
         theta_deg: args.theta,
         fill: args.fill,
-        align: args.align,
     };
     let merged = merge_files(&args.patches, &options, progress)?;
     for path in &args.output {
@@ -167,31 +166,6 @@ fn text(args: &MergeArgs, report: &MergeReport) -> String {
         ));
     }
     lines.gap();
-    let moved: Vec<Vec<String>> = (report.poses.iter().skip(1))
-        .map(|p| {
-            let number = |x: Option<f64>| x.map_or(String::new(), |x| significant(x, 3));
-            vec![
-                p.scan.clone(),
-                number(p.moved),
-                number(p.turned_deg),
-                number(p.sigma_translation),
-                number(p.sigma_rotation_deg),
-            ]
-        })
-        .collect();
-    if !moved.is_empty() {
-        lines.table(
-            &[
-                ("aligned", Align::Left),
-                ("moved", Align::Right),
-                ("turned / °", Align::Right),
-                ("σ of place", Align::Right),
-                ("σ of turn / °", Align::Right),
-            ],
-            &moved,
-        );
-        lines.gap();
-    }
     if args.output.is_empty() {
         lines.line("Nothing was written: give -o FILE.");
     }

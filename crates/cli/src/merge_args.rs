@@ -9,7 +9,6 @@ const MERGE_EXAMPLES: &str = "\
 Examples:
   planish merge left.planish right.planish -o whole.ply
   planish merge bun.conf -o bunny.ply --json
-  planish merge still.ply off.ply --align -o whole.ply
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
 Patches are saved models, meshes with faces, and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \
@@ -62,9 +61,6 @@ pub struct MergeArgs {
     /// Close holes of up to so many edges, those of the patches too
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,
-    /// Patches are a little off: move all but the first to where they fit, as `fit --align` does, before they are merged
-    #[arg(long)]
-    pub align: bool,
     /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,

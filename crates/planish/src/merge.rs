@@ -4,16 +4,15 @@
 //!
 //! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
 //!
-//! Not guaranteed: that patches in frames of their own come together: [`MergeOptions::align`] brings those together that are a little off.
+//! Not guaranteed: that patches in frames of their own come together; align them first.
 
-mod align;
 mod common_surface;
 mod patches;
 
 pub use patches::{NamedPatch, PatchSet, read_patches};
 
 use crate::mesh_output::write_known_mesh;
-use crate::model::{PoseReport, SigmaSummary};
+use crate::model::SigmaSummary;
 use crate::output::plan_outputs;
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
@@ -57,8 +56,6 @@ pub struct MergeOptions {
     pub theta_deg: Option<f64>,
     /// Holes of up to so many edges are closed.
     pub fill: usize,
-    /// Whether every patch but the first may stand a little off.
-    pub align: bool,
 }
 
 /// A region that two patches share.
@@ -121,9 +118,6 @@ pub struct MergeReport {
     pub regions: Vec<RegionReport>,
     /// What was merged.
     pub patches: Vec<PatchReport>,
-    /// Where patches were found to stand, with covariance, where that was asked for.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub poses: Vec<PoseReport>,
     /// Whether σ was told from how patches differ where none was stated.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
@@ -177,7 +171,7 @@ pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Pro
 /// `Input` for fewer than two patches and for options that are not positive; `Undetermined` where no two patches overlap; `Interrupted` when told to stop.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     let PatchSet {
-        patches: mut named,
+        patches: named,
         unit,
         inputs,
         mut warnings,
@@ -189,10 +183,6 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             patch.name, patch.dropped
         ));
     }
-    let poses = match options.align {
-        true => align::aligned(&mut named, unit, &Part::new(progress, 0.0, 0.1))?,
-        false => Vec::new(),
-    };
     let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
     let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
     progress.check("finding what patches share", 0.1)?;
@@ -269,7 +259,6 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
                 sigma: SigmaSummary::of(overlap.patches[k].sigma.clone()).median,
             })
             .collect(),
-        poses,
         sigma_estimated: overlap.sigma_estimated,
         sigma: SigmaSummary::of(sewn.sigma.clone()),
         stitched_triangles: check.triangles - sewn.kept,
