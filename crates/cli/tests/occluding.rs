@@ -24,14 +24,24 @@ fn the_commands_that_the_scene_prints_make_the_whole_thing() {
         let found = planish(folder.path(), &args).ok().json();
         if args[..2] == ["sense", "contours"] {
             assert_eq!(found["patches"].as_array().map(Vec::len), Some(2), "{found:#}");
-            assert!((found["chi2"].as_f64().expect("a number") - 1.0).abs() < 0.1, "{found:#}");
+            assert!(
+                (found["chi2"].as_f64().expect("a number") - 1.0).abs() < 0.1,
+                "{found:#}"
+            );
             let left_out: u64 = (found["left_out"].as_object().expect("causes").values())
                 .map(|n| n.as_u64().expect("a count"))
                 .sum();
-            assert_eq!(found["observations"].as_u64().expect("a count") + left_out, found["contour_points"].as_u64().expect("a count"));
+            assert_eq!(
+                found["observations"].as_u64().expect("a count") + left_out,
+                found["contour_points"].as_u64().expect("a count")
+            );
         }
         if args[0] == "merge" {
-            assert_eq!((&found["nonmanifold_edges"], found["patches"].as_array().map(Vec::len)), (&0.into(), Some(4)), "{found:#}");
+            assert_eq!(
+                (&found["nonmanifold_edges"], found["patches"].as_array().map(Vec::len)),
+                (&0.into(), Some(4)),
+                "{found:#}"
+            );
         }
         last = Some(found);
     }
@@ -46,11 +56,17 @@ fn views_that_say_too_little_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |text: &str| std::fs::write(folder.path().join("views.toml"), text).expect("a file");
     let view = |k: i32| {
-        format!("[[view]]\nname = \"v{k}\"\nK = [[900, 0, 320], [0, 900, 240], [0, 0, 1]]\nR = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [{k}, 0, 5]\n")
+        format!(
+            "[[view]]\nname = \"v{k}\"\nK = [[900, 0, 320], [0, 900, 240], [0, 0, 1]]\nR = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [{k}, 0, 5]\n"
+        )
     };
     write(&(0..3).map(view).collect::<String>());
     let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
-    assert!(said.stderr.contains("view `v0`") && said.stderr.contains("needed a mask"), "{}", said.stderr);
+    assert!(
+        said.stderr.contains("view `v0`") && said.stderr.contains("needed a mask"),
+        "{}",
+        said.stderr
+    );
     let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.las"]);
     assert!(said.stderr.contains(".ply"), "{}", said.stderr);
     std::fs::write(folder.path().join("few.csv"), "x,y\n1,2\n3,4\n").expect("a file");
