@@ -567,6 +567,8 @@ pub enum Sensed {
     Photometric(PhotometricArgs),
     /// A depth image: points with covariance
     Depth(DepthArgs),
+    /// Views of a thing from a camera that moves around it: points on its occluding contours, and patches of its surface
+    Contours(crate::occluding::OccludingArgs),
 }
 
 const STEREO_EXAMPLES: &str = "\
@@ -828,6 +830,8 @@ pub enum Scene {
     Views(ViewsArgs),
     /// A mesh deformed by known controls, as points and masks, for `shell`
     Shell(ShellSceneArgs),
+    /// A hyperboloid or a carafe, 100 mm high, as its occluding contours from two motions of a camera, for `sense contours`
+    Contours(crate::occluding::ContoursSceneArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
     /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole

@@ -15,6 +15,7 @@ mod merge;
 mod merge_args;
 mod next;
 mod numbers;
+mod occluding;
 mod progress;
 mod report;
 mod sense;

@@ -1,12 +1,13 @@
 //! `planish sense`.
 
-use crate::args::{DepthArgs, GridArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
+use crate::args::{CommonArgs, DepthArgs, GridArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Lines, Summary};
 use planish::progress::Progress;
 use planish::sense::{SenseJob, SenseKind, SenseReport, SigmaSummary, sense};
 use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// The keys of `sense` beside the common ones.
 #[derive(Serialize)]
@@ -18,25 +19,20 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SenseArgs) -> u8 {
-    let (name, common) = match &args.kind {
-        Sensed::Stereo(args) => ("sense stereo", &args.common),
-        Sensed::Grid(args) => ("sense grid", &args.common),
-        Sensed::Photometric(args) => ("sense photometric", &args.common),
-        Sensed::Depth(args) => ("sense depth", &args.common),
+    let (name, kind, output, common) = match &args.kind {
+        Sensed::Stereo(args) => ("sense stereo", stereo(args), &args.output, &args.common),
+        Sensed::Grid(args) => ("sense grid", Ok(grid(args)), &args.output, &args.common),
+        Sensed::Photometric(args) => ("sense photometric", photometric(args), &args.output, &args.common),
+        Sensed::Depth(args) => ("sense depth", Ok(depth(args)), &args.output, &args.common),
+        Sensed::Contours(args) => return crate::occluding::run(args),
     };
-    report::run(name, common, |progress| work(args, progress))
+    report::run(name, common, |progress| work(kind?, output, common, progress))
 }
 
-fn work(args: &SenseArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let (kind, output, common) = match &args.kind {
-        Sensed::Stereo(args) => (stereo(args)?, &args.output, &args.common),
-        Sensed::Grid(args) => (grid(args), &args.output, &args.common),
-        Sensed::Photometric(args) => (photometric(args)?, &args.output, &args.common),
-        Sensed::Depth(args) => (depth(args), &args.output, &args.common),
-    };
+fn work(kind: SenseKind, output: &[PathBuf], common: &CommonArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let job = SenseJob {
         kind,
-        outputs: output.clone(),
+        outputs: output.to_vec(),
         unit: common.unit.map(Unit::from),
     };
     let done = sense(&job, progress)?;

@@ -44,6 +44,7 @@ pub fn run(args: &SimulateArgs) -> u8 {
             }),
             Scene::Readings(args) => crate::contour::run_scene(args),
             Scene::Views(args) => crate::contour::run_views(args),
+            Scene::Contours(args) => crate::occluding::run_scene(args),
             Scene::Shell(args) => crate::shell_scene::run(args),
             Scene::Vessel(args) => {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))

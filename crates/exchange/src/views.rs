@@ -15,7 +15,7 @@
 //! name = "front"                  # the mask's or the image's name where it is left out
 //! image = "a.png"                 # for textures; may be left out
 //! mask = "a_mask.png"             # may be left out where nothing is fitted to the view
-//! contours = "a.csv"              # places on contours inside of the mask: x,y and maybe sigma_px
+//! contours = "a.csv"              # places on contours inside of the mask: x,y and maybe sigma_px; a column contour numbers those that hang together, in order
 //! held_out = false                # whether the view only judges the fit
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # X_camera = R X + t: x right, y down, pixel centres at integers
@@ -57,6 +57,8 @@ pub struct ViewFile {
     pub mask: Option<PathBuf>,
     /// Contours inside of the mask: pixel and σ.
     pub contours: Vec<([f64; 2], f64)>,
+    /// Where in `contours` another one begins: the column `contour` changes.
+    pub contour_starts: Vec<usize>,
     /// What of the mask is the thing.
     pub mask_threshold: Option<f64>,
     /// Specks and holes that are filled, as a share of the thing's pixels.
@@ -184,12 +186,13 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
                 }
             };
             let contours = match &view.contours {
-                None => Vec::new(),
+                None => (Vec::new(), Vec::new()),
                 Some(file) => read_pixels(&folder.join(file), sigma_px)?,
             };
             Ok((camera, pose, sigma_px, contours))
         };
-        let (camera, pose, sigma_px, contours) = read().map_err(|e| e.in_context(format!("view `{name}`")))?;
+        let (camera, pose, sigma_px, (contours, contour_starts)) =
+            read().map_err(|e| e.in_context(format!("view `{name}`")))?;
         files.extend(view.contours.iter().map(|file| folder.join(file)));
         views.push(ViewFile {
             name,
@@ -198,6 +201,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             image: view.image.as_ref().map(|file| folder.join(file)),
             mask: view.mask.as_ref().map(|file| folder.join(file)),
             contours,
+            contour_starts,
             mask_threshold: view.mask_threshold.or(t.mask_threshold),
             mask_least_share: view.mask_least_share.or(t.mask_least_share),
             sigma_px,
@@ -278,14 +282,20 @@ fn number(line: u64, word: Option<&str>, fallback: f64, positive: bool) -> Resul
 }
 
 /// Pixels with σ.
-fn read_pixels(path: &Path, sigma_px: f64) -> Result<Vec<([f64; 2], f64)>> {
+type Pixels = Vec<([f64; 2], f64)>;
+
+/// Pixels with σ, and where the column `contour` changes; at the first alone where there is none.
+fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
     let pixel = |(line, row): &(u64, Vec<Option<String>>)| {
         let at = |k: usize, fallback, positive| number(*line, row[k].as_deref(), fallback, positive);
         Ok(([at(0, 0.0, false)?, at(1, 0.0, false)?], at(2, sigma_px, true)?))
     };
-    let rows = read_columns(path, &["x", "y", "sigma_px"], 2)?;
+    let rows = read_columns(path, &["x", "y", "sigma_px", "contour"], 2)?;
     let all: Result<Vec<_>> = rows.iter().map(pixel).collect();
-    all.map_err(|e| e.in_context(path.display()))
+    let starts = (0..rows.len())
+        .filter(|&k| k == 0 || rows[k].1[3] != rows[k - 1].1[3])
+        .collect();
+    Ok((all.map_err(|e| e.in_context(path.display()))?, starts))
 }
 
 fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Track>> {
@@ -362,6 +372,9 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         let found = parse(&text, folder.path()).unwrap();
         assert_eq!(found.tracks, [vec![(0, [1.0, 2.0], 0.5), (1, [3.0, 4.0], 0.5)]]);
         assert_eq!(found.views[1].contours, [([1.0, 2.0], 0.1)]);
+        write("c.csv", "x,y,contour\n1,2,0\n3,4,0\n5,6,1\n");
+        let numbered = parse(&text, folder.path()).unwrap();
+        assert_eq!(numbered.views[1].contour_starts, [0, 2]);
         assert_eq!(found.files.len(), 2);
         write("t.csv", "track,view,x,y\n7,elsewhere,1,2\n");
         let said = parse(&text, folder.path()).unwrap_err().to_string();

@@ -16,6 +16,7 @@ pub mod merge;
 pub mod mesh_output;
 pub mod model;
 pub mod next;
+pub mod occluding;
 pub mod output;
 mod point_sigmas;
 pub mod progress;

@@ -620,7 +620,7 @@ fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
     )
 }
 
-fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
+pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| {
         values

@@ -14,6 +14,7 @@
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
+//! | contours | the scene `contours`: occluding contours of a hyperboloid or a carafe from two motions of a camera |
 //! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | views | the scene `views`: the outlines of a prism in three views, ranged so |
 //! | shell | the scene `shell`: a mesh deformed by known controls, points, masks |
@@ -32,6 +33,7 @@
 //! ```
 
 mod bending;
+mod contours;
 mod figure;
 mod form;
 #[cfg(test)]
@@ -53,6 +55,7 @@ mod virtual_sensor;
 mod tests;
 
 pub use bending::{BendingOptions, bending, in_bending_hole, write_bending_scene};
+pub use contours::{ContoursOptions, ContoursShape, ContoursSummary, write_contours_scene};
 pub use form::{BallBump, BallForm, BentForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
 pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,

@@ -5,6 +5,7 @@ mod edges;
 mod ground;
 mod image;
 mod normals;
+pub mod occluding;
 mod photometric;
 mod pose;
 mod rectify;

@@ -61,7 +61,7 @@ pub struct Silhouette {
 /// Pixels inside and outside keep so far from the border: it is known to less.
 const CLEAR: usize = 2;
 /// Places so near to the end of the picture are none of the border.
-const FRAME: f64 = 2.0;
+pub(crate) const FRAME: f64 = 2.0;
 
 /// Reads a mask.
 ///
@@ -120,7 +120,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
 }
 
 /// Turns over connected parts of one colour that have fewer than `least` pixels.
-fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
+pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
     let mut seen = vec![false; mask.len()];
     let mut part = Vec::new();
     for start in 0..mask.len() {
@@ -154,7 +154,7 @@ fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
 }
 
 /// A Gaussian along rows, then along columns; beyond the picture the last pixel goes on.
-fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
+pub(crate) fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
     let reach = (4.0 * sigma).ceil() as isize;
     let weights: Vec<f64> = (-reach..=reach)
         .map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp())

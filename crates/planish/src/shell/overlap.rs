@@ -27,9 +27,14 @@ pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows
 
 /// The pixels that both cover, of those that either does (P. Jaccard 1901).
 pub(super) fn intersection_over_union(mesh: &TriangleMesh, camera: &Camera, mask: &Silhouette) -> f64 {
-    let own = covered(mesh, camera, mask.columns, mask.rows);
+    agreement(mesh, camera, &mask.mask, mask.columns, mask.rows)
+}
+
+/// As [`intersection_over_union`], of a mask row by row.
+pub(crate) fn agreement(mesh: &TriangleMesh, camera: &Camera, mask: &[bool], columns: usize, rows: usize) -> f64 {
+    let own = covered(mesh, camera, columns, rows);
     let (mut both, mut either) = (0_usize, 0_usize);
-    for (a, b) in own.iter().zip(&mask.mask) {
+    for (a, b) in own.iter().zip(mask) {
         both += usize::from(*a && *b);
         either += usize::from(*a || *b);
     }

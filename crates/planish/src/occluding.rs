@@ -1,0 +1,403 @@
+//! The job `planish sense contours`: views of a thing in, points on its occluding contours out, and patches of its surface.
+//!
+//! Comes in: an [`OccludingJob`]. Goes out: the files that it names and an [`OccludingReport`]. Outputs are checked before anything is read.
+//!
+//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by [`fit`](crate::fit::fit).
+//!
+//! Not guaranteed: cameras are taken for exact.
+
+mod patch;
+
+pub use planish_sense::occluding::OccludingOptions;
+
+use crate::output::{WrittenFile, as_text, plan_outputs, refuse_input_as_output, refuse_same_output};
+use crate::progress::{Part, Progress, WRITING_STAGE};
+use crate::sense::SigmaSummary;
+use crate::shell::overlap::agreement;
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
+use planish_exchange::picture::read_brightness;
+use planish_exchange::ply::write_scan;
+use planish_exchange::views::{ViewFile, read_views};
+use planish_exchange::{Unit, check_writable, extension};
+use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_sense::occluding::{
+    Contour, ContourView, OccludingContours, OccludingPoint, VisualHull, occluding_contours, outlines,
+};
+use planish_sense::stripes::Pinhole;
+use planish_sense::{SilhouetteOptions, silhouette};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Borders of a smoothed mask err alike over so many σ of the smoothing: the integral of its correlation, 2 √π.
+const ALIKE: f64 = 3.545;
+/// The box of the hull is wider than the points by so much of their size.
+const WIDER: f64 = 0.15;
+/// Cells along the longest side of the hull's box.
+const HULL_CELLS: usize = 96;
+
+/// What to sense, and what to write of it.
+#[derive(Debug, Clone)]
+pub struct OccludingJob {
+    /// The views, in the order in which the camera took them.
+    pub views: PathBuf,
+    /// Files of points (.ply).
+    pub outputs: Vec<PathBuf>,
+    /// Files of patches; each patch gets its number before the extension.
+    pub patches: Vec<PathBuf>,
+    /// Strips of fewer points make no patch.
+    pub least_points: usize,
+    /// A file for the visual hull.
+    pub hull: Option<PathBuf>,
+    /// A mesh whose outlines are compared with all masks.
+    pub judged: Option<PathBuf>,
+    /// How contours are read.
+    pub options: OccludingOptions,
+    /// The unit where the views name none.
+    pub unit: Option<Unit>,
+    /// Seed of every random choice.
+    pub seed: u64,
+}
+
+/// A patch.
+#[derive(Debug, Clone, Serialize)]
+pub struct ContourPatch {
+    /// Its files.
+    pub files: Vec<WrittenFile>,
+    /// Points of its strip.
+    pub points: usize,
+    /// Views of which they are.
+    pub views: usize,
+    /// Median σ along its normals.
+    pub sigma: f64,
+    /// Its area.
+    pub area: f64,
+    /// The share of places along its contours, from first to last in each view, that were left out.
+    pub left_out_share: f64,
+}
+
+/// How far the outlines of surfaces agree with a mask: pixels of both over pixels of either.
+#[derive(Debug, Clone, Serialize)]
+pub struct OutlineAgreement {
+    /// The view.
+    pub view: String,
+    /// Whether it took no part.
+    pub held_out: bool,
+    /// Of the visual hull.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hull: Option<f64>,
+    /// Of the judged mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub judged: Option<f64>,
+}
+
+/// The figures of a job.
+#[derive(Debug, Clone, Serialize)]
+pub struct OccludingReport {
+    /// Views that took part.
+    pub views: usize,
+    /// Runs of views that follow one another.
+    pub sequences: usize,
+    /// Places along contours that were asked.
+    pub contour_points: usize,
+    /// Those with a match in both neighbouring views.
+    pub matched: usize,
+    /// Those that became points.
+    pub observations: usize,
+    /// The others, by cause.
+    pub left_out: BTreeMap<&'static str, usize>,
+    /// χ² of the contours about local parabolas, over its degrees of freedom.
+    pub chi2: f64,
+    /// Strips of points that hang together.
+    pub strips: usize,
+    /// σ of the depths.
+    pub sigma_depth: Option<SigmaSummary>,
+    /// The part of it that the circles leave out.
+    pub sigma_circle: Option<SigmaSummary>,
+    /// σ along the normals.
+    pub sigma: Option<SigmaSummary>,
+    /// σ of the normals.
+    pub sigma_n_deg: Option<SigmaSummary>,
+    /// The share of the visual hull's surface that no contour is near to; where silhouettes are known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unseen_share: Option<f64>,
+    /// Patches, of the largest strip first.
+    pub patches: Vec<ContourPatch>,
+    /// Outlines of hull and judged mesh beside the masks.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub iou: Vec<OutlineAgreement>,
+    /// Unit of every length.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// What was read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Points and hull that were written.
+    #[serde(serialize_with = "as_texts")]
+    pub written: Vec<PathBuf>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+fn as_texts<S: serde::Serializer>(paths: &[PathBuf], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    struct Text<'a>(&'a Path);
+    impl Serialize for Text<'_> {
+        fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+            as_text(self.0, serializer)
+        }
+    }
+    serializer.collect_seq(paths.iter().map(|p| Text(p)))
+}
+
+/// A mask as pixels.
+struct Mask {
+    covered: Vec<bool>,
+    columns: usize,
+    rows: usize,
+}
+
+/// Reads, senses and writes.
+///
+/// # Errors
+/// What the readers, [`occluding_contours`], [`fit`](crate::fit::fit) and the writers report; `Input` for views without masks and contours, and for outputs that are inputs; `Unsupported` for other formats.
+pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
+    check_outputs(job)?;
+    progress.check("reading", 0.0)?;
+    let file = read_views(&job.views)?;
+    let judged = job.judged.as_deref().map(read_judged).transpose()?;
+    let mut inputs = vec![job.views.clone()];
+    inputs.extend(file.files.iter().cloned());
+    inputs.extend(file.views.iter().filter_map(|v| v.mask.clone()));
+    inputs.extend(job.judged.clone());
+    for output in job.outputs.iter().chain(&job.hull) {
+        refuse_input_as_output(output, &inputs)?;
+    }
+    let unit = file.unit.or(job.unit);
+    let mut warnings = Vec::new();
+    if unit.is_none() {
+        warnings.push("the views name no unit of length: say `unit` in them, or --unit mm, m, in or ft".to_owned());
+    }
+    let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
+    let views: Vec<ContourView> = (taking_part.par_iter())
+        .map(|view| {
+            contour_view(view).map_err(|e| e.in_context(format!("{}: view `{}`", job.views.display(), view.name)))
+        })
+        .collect::<Result<_>>()?;
+    let matching = Part::new(progress, 0.1, 0.4);
+    let found = occluding_contours(&views, &job.options, &mut |share| {
+        matching.check("matching contours", share)
+    })
+    .map_err(|e| e.in_context(job.views.display()))?;
+    progress.check("visual hull", 0.4)?;
+    let hull = hull_of(&views, &found)?;
+    let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
+    let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
+    let fitting = Part::new(progress, 0.5, 0.9);
+    let patches = patch::patches(job, &found, unit, &fitting, &mut warnings)?;
+    progress.check(WRITING_STAGE, 0.95)?;
+    let mut written = Vec::new();
+    for path in &job.outputs {
+        write_scan(path, &found.scan(None, "contours"), unit)?;
+        written.push(path.clone());
+    }
+    match (&job.hull, &hull) {
+        (Some(path), Some(hull)) => {
+            write_hull(path, &hull.mesh, unit)?;
+            written.push(path.clone());
+        }
+        (Some(path), None) => {
+            return Err(Error::undetermined(format!(
+                "{}: a visual hull needs masks in two views or more, none of which the thing reaches out of",
+                path.display()
+            )));
+        }
+        (None, _) => {}
+    }
+    let patches = patch::written(job, patches, unit, &inputs)?;
+    progress.advance("done", 1.0);
+    Ok(OccludingReport {
+        views: views.len(),
+        sequences: found.sequences,
+        contour_points: found.asked,
+        matched: found.matched,
+        observations: found.points.len(),
+        chi2: found.reduced_chi_square,
+        strips: found.strips,
+        sigma_depth: of_points(&found, |p| p.sigma_depth),
+        sigma_circle: of_points(&found, |p| p.sigma_circle),
+        sigma: of_points(&found, OccludingPoint::sigma_along_normal),
+        sigma_n_deg: of_points(&found, |p| p.sigma_normal_deg),
+        left_out: found.left_out,
+        unseen_share,
+        patches,
+        iou,
+        unit,
+        inputs,
+        written,
+        warnings,
+    })
+}
+
+fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) -> Option<SigmaSummary> {
+    crate::sense::summary(found.points.iter().map(value).collect())
+}
+
+fn check_outputs(job: &OccludingJob) -> Result<()> {
+    let mut before: Vec<PathBuf> = Vec::new();
+    for path in &job.outputs {
+        if extension(path) != "ply" {
+            return Err(Error::unsupported(format!(
+                "{}: points of contours are written as .ply; patches are asked for by --patch",
+                path.display()
+            )));
+        }
+        check_writable(path)?;
+    }
+    for path in job.outputs.iter().chain(&job.patches).chain(&job.hull) {
+        refuse_same_output(path, &before)?;
+        refuse_input_as_output(path, std::slice::from_ref(&job.views))?;
+        before.push(path.clone());
+    }
+    plan_outputs(&job.patches, std::slice::from_ref(&job.views))?;
+    match &job.hull {
+        Some(path) => {
+            plan_outputs(std::slice::from_ref(path), std::slice::from_ref(&job.views)).and_then(|planned| match planned
+                .iter()
+                .all(|p| p.format.is_mesh())
+            {
+                true => Ok(()),
+                false => Err(Error::unsupported(format!(
+                    "{}: a visual hull is a mesh",
+                    path.display()
+                ))),
+            })
+        }
+        None => Ok(()),
+    }
+}
+
+fn mask_options(view: &ViewFile) -> SilhouetteOptions {
+    let usual = SilhouetteOptions::default();
+    SilhouetteOptions {
+        threshold: view.mask_threshold,
+        least_share: view.mask_least_share.unwrap_or(usual.least_share),
+        sigma_px: view.sigma_px,
+        ..usual
+    }
+}
+
+fn contour_view(view: &ViewFile) -> Result<ContourView> {
+    let options = mask_options(view);
+    let outline = match &view.mask {
+        Some(path) => outlines(&read_brightness(path)?, &options).map_err(|e| e.in_context(path.display()))?,
+        None => Vec::new(),
+    };
+    let matrix = |m: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)]));
+    let camera = Pinhole {
+        k: matrix(&view.camera.k),
+        r: matrix(&view.camera.r),
+        t: view.camera.t.into(),
+    };
+    let measured = !view.contours.is_empty();
+    if !measured && outline.is_empty() {
+        return Err(Error::input(
+            "needed a mask, or contours with places in order, found neither",
+        ));
+    }
+    let (contours, sigma_px, apart_px) = match measured {
+        false => (outline.clone(), view.sigma_px, ALIKE * options.smoothing_px),
+        true => {
+            let mut sigmas: Vec<f64> = view.contours.iter().map(|(_, sigma)| *sigma).collect();
+            sigmas.sort_by(f64::total_cmp);
+            (pieces(view, &outline), sigmas[sigmas.len() / 2], 0.0)
+        }
+    };
+    Ok(ContourView {
+        name: view.name.clone(),
+        camera,
+        contours,
+        silhouette: outline,
+        sigma_px,
+        apart_px,
+    })
+}
+
+/// Contours of a file, turned so that the thing lies to the right of the way where a mask tells it.
+fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
+    let ends = view.contour_starts.iter().skip(1).copied().chain([view.contours.len()]);
+    (view.contour_starts.iter().zip(ends))
+        .map(|(&start, end)| {
+            let places = view.contours[start..end].iter().map(|(p, _)| *p).collect();
+            let mut contour = Contour { places, closed: false };
+            contour.close();
+            contour.face(outline);
+            contour
+        })
+        .collect()
+}
+
+/// The hull of all silhouettes, where they are known.
+fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
+    let closed = |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
+    if views.iter().filter(closed).count() < 2 {
+        return Ok(None);
+    }
+    let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
+    let Some(mut bounds) = BoundingBox::of(&places) else {
+        return Ok(None);
+    };
+    let wider = WIDER * bounds.diagonal();
+    for k in 0..3 {
+        bounds.min[k] -= wider;
+        bounds.max[k] += wider;
+    }
+    VisualHull::new(views, &bounds, HULL_CELLS).map(Some)
+}
+
+fn agreements(
+    views: &[ViewFile],
+    hull: Option<&VisualHull>,
+    judged: Option<&TriangleMesh>,
+) -> Result<Vec<OutlineAgreement>> {
+    if !views.iter().any(|v| v.held_out) && judged.is_none() {
+        return Ok(Vec::new());
+    }
+    (views.par_iter())
+        .filter_map(|view| Some((view, view.mask.as_ref()?)))
+        .map(|(view, path)| {
+            let picture = read_brightness(path)?;
+            let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
+            let mask = Mask {
+                covered: read.mask,
+                columns: read.columns,
+                rows: read.rows,
+            };
+            let of = |mesh: &TriangleMesh| agreement(mesh, &view.camera, &mask.covered, mask.columns, mask.rows);
+            Ok(OutlineAgreement {
+                view: view.name.clone(),
+                held_out: view.held_out,
+                hull: hull.map(|hull| of(&hull.mesh)),
+                judged: judged.map(of),
+            })
+        })
+        .collect()
+}
+
+fn read_judged(path: &Path) -> Result<TriangleMesh> {
+    let file = read_mesh(path)?;
+    TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))
+}
+
+fn write_hull(path: &Path, mesh: &TriangleMesh, unit: Option<Unit>) -> Result<()> {
+    write_mesh(
+        path,
+        &MeshColumns {
+            points: &mesh.positions,
+            triangles: &mesh.triangles,
+            unit,
+            ..MeshColumns::default()
+        },
+    )
+}

@@ -1,0 +1,189 @@
+//! From strips of points to patches of surface.
+//!
+//! Comes in: points in strips. Goes out: a mesh of each strip, a fitted sheet where a spline is asked for, and their files.
+//!
+//! Not guaranteed: that a strip which winds around a thing is a sheet; what cannot be fitted is named and left out.
+
+use super::{ContourPatch, OccludingJob};
+use crate::fit::{Fit, FitOptions, fit};
+use crate::mesh_output::write_known_mesh;
+use crate::output::{OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare};
+use crate::progress::{Part, Progress};
+use crate::saved::Session;
+use planish_estimate::{ErrorKind, Result};
+use planish_exchange::{PosedScan, ScanSet, Unit};
+use planish_mesh::TriangleMesh;
+use planish_sense::occluding::{OccludingContours, OccludingPoint};
+use planish_sense::{Sensor, SensorKind};
+use planish_spline::Shape;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// A strip and what was made of it.
+pub(super) struct Patch {
+    mesh: TriangleMesh,
+    sigma: Vec<f64>,
+    spline: Option<Fit>,
+    report: ContourPatch,
+}
+
+pub(super) fn patches(
+    job: &OccludingJob,
+    found: &OccludingContours,
+    unit: Option<Unit>,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Patch>> {
+    let splines = plan_outputs(&job.patches, &[])?.iter().any(|p| !p.format.is_mesh());
+    let mut patches: Vec<Patch> = Vec::new();
+    if job.patches.is_empty() {
+        return Ok(patches);
+    }
+    for strip in 0..found.strips {
+        let of_strip: Vec<&OccludingPoint> = found.points.iter().filter(|p| p.strip == strip).collect();
+        if of_strip.len() < job.least_points {
+            break;
+        }
+        let Ok((mesh, sigma)) = found.patch(strip) else {
+            warnings.push(format!(
+                "strip {} of {} points made no triangles",
+                strip + 1,
+                of_strip.len()
+            ));
+            continue;
+        };
+        let spline = match splines {
+            false => None,
+            true => {
+                let [from, to] = [strip, strip + 1].map(|k| k as f64 / found.strips as f64);
+                match fit(
+                    &set_of(found, strip, unit),
+                    &options(job),
+                    &Part::new(progress, from, to),
+                ) {
+                    Ok(fit) => {
+                        let of = patches.len() + 1;
+                        warnings.extend(fit.report.warnings.iter().map(|w| format!("patch {of}: {w}")));
+                        Some(fit)
+                    }
+                    Err(e) if e.kind() == ErrorKind::Interrupted => return Err(e),
+                    Err(e) => {
+                        warnings.push(format!(
+                            "strip {} of {} points made no spline: {e}",
+                            strip + 1,
+                            of_strip.len()
+                        ));
+                        None
+                    }
+                }
+            }
+        };
+        let mut sorted = sigma.clone();
+        sorted.sort_by(f64::total_cmp);
+        patches.push(Patch {
+            report: ContourPatch {
+                files: Vec::new(),
+                points: of_strip.len(),
+                views: of_strip.iter().map(|p| p.view).collect::<BTreeSet<_>>().len(),
+                sigma: sorted[sorted.len() / 2],
+                area: mesh.area(),
+                left_out_share: left_out(&of_strip),
+            },
+            mesh,
+            sigma,
+            spline,
+        });
+    }
+    Ok(patches)
+}
+
+/// Of the places along each contour from the first of a strip to the last, the share that is missing.
+fn left_out(points: &[&OccludingPoint]) -> f64 {
+    let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();
+    for p in points {
+        let run = runs.entry((p.view, p.contour)).or_insert((p.place, p.place, 0));
+        *run = (run.0.min(p.place), run.1.max(p.place), run.2 + 1);
+    }
+    let all: usize = runs.values().map(|(first, last, _)| last - first + 1).sum();
+    let there: usize = runs.values().map(|run| run.2).sum();
+    1.0 - there as f64 / all.max(1) as f64
+}
+
+fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSet {
+    ScanSet {
+        unit,
+        sensors: vec![Sensor {
+            name: "contours".to_owned(),
+            kind: SensorKind::Range,
+            ..Sensor::default()
+        }],
+        scans: vec![PosedScan {
+            scan: found.scan(Some(strip), &format!("strip {}", strip + 1)),
+            sensor: 0,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+        }],
+        ..ScanSet::default()
+    }
+}
+
+fn options(job: &OccludingJob) -> FitOptions {
+    FitOptions {
+        shape: Some(Shape::Sheet),
+        seed: job.seed,
+        ..FitOptions::default()
+    }
+}
+
+/// `name.ply` to `name.1.ply`.
+fn numbered(path: &Path, number: usize) -> PathBuf {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+    path.with_extension(format!("{number}.{extension}"))
+}
+
+pub(super) fn written(
+    job: &OccludingJob,
+    patches: Vec<Patch>,
+    unit: Option<Unit>,
+    inputs: &[PathBuf],
+) -> Result<Vec<ContourPatch>> {
+    let mut reports = Vec::new();
+    for (k, mut patch) in patches.into_iter().enumerate() {
+        let paths: Vec<PathBuf> = job.patches.iter().map(|path| numbered(path, k + 1)).collect();
+        let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) = plan_outputs(&paths, inputs)?
+            .into_iter()
+            .partition(|p| p.format.is_mesh());
+        for output in meshes {
+            let mesh = &patch.mesh;
+            let seen = vec![1; mesh.positions.len()];
+            let unit = unit.unwrap_or(Unit::Millimetre);
+            write_known_mesh(&output.path, mesh, &mesh.vertex_normals(), &patch.sigma, &seen, unit)?;
+            patch.report.files.push(written_mesh(output.path, output.format, mesh));
+        }
+        if let (Some(fit), false) = (&patch.spline, splines.is_empty()) {
+            let prepared = prepare(&fit.model, &fit.posterior(), &splines, &OutputOptions::default())?;
+            let session = Session {
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                arguments: vec!["sense".to_owned(), "contours".to_owned()],
+                seed: job.seed,
+                inputs: Vec::new(),
+            };
+            patch.report.files.extend(prepared.write(&[session])?);
+        }
+        reports.push(patch.report);
+    }
+    Ok(reports)
+}
+
+fn written_mesh(file: PathBuf, format: OutputFormat, mesh: &TriangleMesh) -> WrittenFile {
+    WrittenFile {
+        file,
+        format,
+        faces: None,
+        vertices: Some(mesh.positions.len()),
+        triangles: Some(mesh.triangles.len()),
+        tolerance: None,
+        cells: None,
+        cell_size: None,
+    }
+}

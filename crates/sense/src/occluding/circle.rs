@@ -1,0 +1,269 @@
+//! Depth at an occluding contour, by the circle that three lines of sight touch.
+//!
+//! Comes in: a line of sight that touches a surface, the surface's normal there, and lines of sight of two other views that lie with it in their epipolar planes and touch the same surface. Goes out: depth and radius.
+//!
+//! The line of sight `C + λ v` touches the surface at `P`. A plane that holds it cuts the surface in a curve that it touches, whose radius is `R cos φ` where `R` is the radius of the section along the normal and `φ` the angle between that plane and the normal (Meusnier). Another view's line, `C' + μ w` in the same plane, touches that curve too; for a circle of that radius,
+//!
+//! `λ (m'·v) + R cos φ (1 − m·m') = m'·(C' − C)`,
+//!
+//! with `m` and `m'` the normals of both lines in the plane, outwards. That is linear in `λ` and `R`, so that two other views determine both, whether or not all three cameras are in line.
+//!
+//! What the circle leaves out is how its radius changes as the curve turns, `R' = dR/dα`: with the other lines turned by `α` and `β` to either side, the depth is off by `R' α β / 6` (Taylor's series of the support function `p = R α²/2 + R' α³/6`), along the line of sight.
+//!
+//! # References
+//! R. Cipolla, A. Blake, *Surface shape from the deformation of apparent contours*, IJCV 1992; R. Vaillant, O. Faugeras, *Using extremal boundaries for 3-D object modeling*, PAMI 1992; E. Boyer, M.-O. Berger, *3D surface reconstruction using occluding contours*, IJCV 1997 (for three views).
+
+use super::curve::{Local, inverse3};
+use crate::stripes::Pinhole;
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_estimate::{Error, Result};
+
+/// A pinhole with what is asked of it often.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Eye {
+    pub camera: Pinhole,
+    pub centre: [f64; 3],
+    /// A pixel `(x, y, 1)` to its direction of the world.
+    directions: [[f64; 3]; 3],
+}
+
+impl Eye {
+    pub fn new(camera: Pinhole) -> Result<Self> {
+        let inverse = inverse3(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
+        let r = camera.r;
+        Ok(Self {
+            camera,
+            centre: camera.centre(),
+            directions: [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| r[k][i] * inverse[k][j]).sum())),
+        })
+    }
+
+    pub fn direction(&self, p: [f64; 2]) -> [f64; 3] {
+        self.directions.map(|row| dot(row, [p[0], p[1], 1.0]))
+    }
+
+    /// `l` with `l·(x, y, 1) = 0` for pixels that look along a plane with this normal.
+    pub fn line(&self, normal: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|j| (0..3).map(|i| self.directions[i][j] * normal[i]).sum())
+    }
+
+    /// The width of a pixel, at distance one.
+    pub fn pixel(&self) -> f64 {
+        1.0 / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt()
+    }
+}
+
+/// A line of sight that touches the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    pub centre: [f64; 3],
+    /// Unit direction.
+    pub way: [f64; 3],
+    /// Unit normal of the surface, outwards: it stands on the line of sight and on the tangent of the contour.
+    pub normal: [f64; 3],
+}
+
+impl Sight {
+    pub fn new(eye: &Eye, place: [f64; 2], along: [f64; 2]) -> Option<Self> {
+        let way = unit(eye.direction(place))?;
+        let next = eye.direction([place[0] + along[0], place[1] + along[1]]);
+        let normal = unit(cross(way, next))?;
+        let outside = eye.direction([place[0] + along[1], place[1] - along[0]]);
+        let side = dot(normal, sub(outside, eye.direction(place)));
+        Some(Self {
+            centre: eye.centre,
+            way,
+            normal: scale(side.signum(), normal),
+        })
+    }
+
+    /// The normal of the plane of this line and another camera; none where the line runs along the baseline.
+    pub fn epipolar_plane(&self, other: [f64; 3]) -> Option<[f64; 3]> {
+        let baseline = unit(sub(other, self.centre))?;
+        let normal = cross(self.way, baseline);
+        // Within a tenth of a degree of the baseline the plane is anybody's guess.
+        (norm(normal) > 2e-3).then(|| unit(normal)).flatten()
+    }
+
+    /// Outwards, in a plane that holds the line of sight; and its cosine to the normal.
+    pub fn outward_in(&self, plane: [f64; 3]) -> Option<([f64; 3], f64)> {
+        let m = unit(cross(plane, self.way))?;
+        let cosine = dot(m, self.normal);
+        Some((scale(cosine.signum(), m), cosine.abs()))
+    }
+}
+
+/// Another view's line of sight in the epipolar plane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touch {
+    pub centre: [f64; 3],
+    pub way: [f64; 3],
+    pub plane: [f64; 3],
+}
+
+/// Depth, radius, and the angles to both other lines, positive and negative.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Solved {
+    pub depth: f64,
+    pub radius: f64,
+    pub angles: [f64; 2],
+}
+
+/// The circle that all three lines touch.
+pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
+    let mut rows = [[0.0; 3]; 2];
+    let mut angles = [0.0; 2];
+    for (k, other) in others.iter().enumerate() {
+        let (m, cosine) = sight.outward_in(other.plane)?;
+        let m_other = unit(cross(other.plane, other.way))?;
+        let m_other = scale(dot(m, m_other).signum(), m_other);
+        let sine = dot(m_other, sight.way);
+        rows[k] = [
+            sine,
+            cosine * (1.0 - dot(m, m_other)),
+            dot(m_other, sub(other.centre, sight.centre)),
+        ];
+        angles[k] = sine.asin();
+    }
+    let [[a, b, c], [d, e, f]] = rows;
+    let determinant = a * e - b * d;
+    // On one side only, both say nearly the same.
+    if a * d >= 0.0 || determinant == 0.0 {
+        return None;
+    }
+    let solved = Solved {
+        depth: (c * e - b * f) / determinant,
+        radius: (a * f - c * d) / determinant,
+        angles,
+    };
+    (solved.depth.is_finite() && solved.radius.is_finite()).then_some(solved)
+}
+
+/// The place on the line `place + t along` that an epipolar line passes, and `t`.
+pub(super) fn meet(line: [f64; 3], place: [f64; 2], along: [f64; 2]) -> Option<([f64; 2], f64)> {
+    let rate = line[0] * along[0] + line[1] * along[1];
+    let t = -(line[0] * place[0] + line[1] * place[1] + line[2]) / rate;
+    t.is_finite().then(|| ([0, 1].map(|k| place[k] + t * along[k]), t))
+}
+
+/// A place with what its covariance follows from.
+pub(super) struct Placed {
+    pub solved: Solved,
+    pub position: [f64; 3],
+    /// Covariance of the position by the errors of all three contours.
+    pub covariance: [[f64; 3]; 3],
+    /// Variances of the depth and of the radius.
+    pub depth: f64,
+    pub radius: f64,
+}
+
+/// Solves with the contours' tangents as they are known, and carries the σ of all three contours over, by differences.
+pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Option<Placed> {
+    let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, [f64; 3])> {
+        let outward = here.outward();
+        let place = [0, 1].map(|k| here.place[k] + shift[0] * outward[k] + shift[1] * here.along[k]);
+        let sight = Sight::new(eyes[0], place, here.along)?;
+        let mut touches = [None; 2];
+        for k in 0..2 {
+            let plane = sight.epipolar_plane(eyes[k + 1].centre)?;
+            let other = others[k];
+            let outward = other.outward();
+            let shifted = [0, 1].map(|j| other.place[j] + across[k] * outward[j]);
+            let (met, _) = meet(eyes[k + 1].line(plane), shifted, other.along)?;
+            touches[k] = Some(Touch {
+                centre: eyes[k + 1].centre,
+                way: unit(eyes[k + 1].direction(met))?,
+                plane,
+            });
+        }
+        let solved = solve(&sight, &[touches[0]?, touches[1]?])?;
+        Some((solved, add_scaled(sight.centre, solved.depth, sight.way)))
+    };
+    let (solved, position) = solve_at([0.0; 2], [0.0; 2])?;
+    let sigmas = [
+        here.sigma_across,
+        // Along itself a contour says where it was asked, to no more than it says across.
+        here.sigma_across,
+        others[0].sigma_across,
+        others[1].sigma_across,
+    ];
+    let mut covariance = [[0.0; 3]; 3];
+    let (mut depth, mut radius) = (0.0, 0.0);
+    for (k, sigma) in sigmas.into_iter().enumerate() {
+        let step = 0.1 * sigma;
+        let moved = |by: f64| {
+            let mut e = [0.0; 4];
+            e[k] = by;
+            solve_at([e[0], e[1]], [e[2], e[3]])
+        };
+        let ((plus, there), (minus, before)) = (moved(step)?, moved(-step)?);
+        let slope = scale(5.0, sub(there, before));
+        for i in 0..3 {
+            for j in 0..3 {
+                covariance[i][j] += slope[i] * slope[j];
+            }
+        }
+        depth += (5.0 * (plus.depth - minus.depth)).powi(2);
+        radius += (5.0 * (plus.radius - minus.radius)).powi(2);
+    }
+    Some(Placed {
+        solved,
+        position,
+        covariance,
+        depth,
+        radius,
+    })
+}
+
+/// What the circle leaves out, along the line of sight.
+pub(super) fn add_along(covariance: &mut [[f64; 3]; 3], way: [f64; 3], variance: f64) {
+    for i in 0..3 {
+        for j in 0..3 {
+            covariance[i][j] += variance * way[i] * way[j];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::add;
+
+    /// Cameras in a plane through a ball's middle, in line or not: depth and radius are exact, as the curve is a circle.
+    #[test]
+    fn a_ball_is_found_exactly() {
+        let radius = 1.3;
+        let far = 6.0;
+        let mut sights = Vec::new();
+        for angle in [0.0_f64, 0.15, -0.23] {
+            let centre = [far * angle.cos(), far * angle.sin(), 0.0];
+            // Turned from the line to the middle by the angle whose sine is radius / far.
+            let towards = unit(scale(-1.0, centre)).unwrap();
+            let side = cross([0.0, 0.0, 1.0], towards);
+            let sine: f64 = radius / far;
+            let way = add(scale((1.0 - sine * sine).sqrt(), towards), scale(sine, side));
+            let contact = add_scaled(centre, (far * far - radius * radius).sqrt(), way);
+            sights.push((
+                Sight {
+                    centre,
+                    way,
+                    normal: unit(contact).unwrap(),
+                },
+                contact,
+            ));
+        }
+        let plane = [0.0, 0.0, 1.0];
+        let others = [1, 2].map(|k| Touch {
+            centre: sights[k].0.centre,
+            way: sights[k].0.way,
+            plane,
+        });
+        let solved = solve(&sights[0].0, &others).unwrap();
+        assert!((solved.radius - radius).abs() < 1e-9, "{}", solved.radius);
+        let at = add_scaled(sights[0].0.centre, solved.depth, sights[0].0.way);
+        assert!(norm(sub(at, sights[0].1)) < 1e-9);
+        assert!((solved.angles[0].abs() - 0.15).abs() < 1e-9 && (solved.angles[1].abs() - 0.23).abs() < 1e-9);
+        // Two lines on one side do not tell.
+        assert!(solve(&sights[0].0, &[others[0], others[0]]).is_none());
+    }
+}

@@ -1,0 +1,234 @@
+//! The visual hull: what every silhouette leaves of space.
+//!
+//! Comes in: views with closed silhouettes. Goes out: its surface as a mesh, whether a place is in it, and which share of its surface no contour touches.
+//!
+//! No contour tells of what lies within the hull: a hollow that no line of sight passes without touching the thing elsewhere is filled in it (A. Laurentini, *The visual hull concept for silhouette-based image understanding*, PAMI 1994). The surface of the hull that no place of a contour is near to is therefore unseen: where views are too few, or where the thing is hollow.
+//!
+//! Not guaranteed: parts thinner than a cell.
+
+use super::matching::inside;
+use super::{ContourView, OccludingPoint};
+use crate::stripes::Pinhole;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_estimate::vector3::{cross, distance, norm, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
+use rayon::prelude::*;
+use std::num::NonZeroUsize;
+
+/// So many places of contours are asked whether they are near.
+const NEAREST: usize = 16;
+/// Distances in pixels are held up to this far from a border.
+const FAR_PX: f64 = 1e4;
+
+/// The hull of silhouettes.
+pub struct VisualHull {
+    views: Vec<Distances>,
+    /// Its surface, outwards.
+    pub mesh: TriangleMesh,
+    /// Side of its cells.
+    pub cell: f64,
+}
+
+/// Signed distances to a silhouette's border in pixels, positive inside.
+struct Distances {
+    camera: Pinhole,
+    first: [f64; 2],
+    columns: usize,
+    rows: usize,
+    values: Vec<f32>,
+}
+
+impl VisualHull {
+    /// Of all views whose silhouettes are closed, in a box, with so many cells along its longest side.
+    ///
+    /// # Errors
+    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within all; as [`isosurface`].
+    pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
+        let views: Vec<Distances> = (views.par_iter())
+            .filter(|view| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed))
+            .map(Distances::of)
+            .collect();
+        if views.len() < 2 {
+            return Err(Error::undetermined(format!(
+                "a visual hull needs two closed silhouettes or more, found {}",
+                views.len()
+            )));
+        }
+        let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+        let cell = longest / cells.max(1) as f64;
+        let mesh = isosurface(
+            bounds,
+            cell,
+            |at| -value(&views, at),
+            |at, reach| may_pass(&views, at, reach),
+        )?;
+        if mesh.triangles.is_empty() {
+            return Err(Error::undetermined("nothing lies within all silhouettes"));
+        }
+        Ok(Self { views, mesh, cell })
+    }
+
+    /// Whether a place is within all silhouettes.
+    #[must_use]
+    pub fn holds(&self, at: [f64; 3]) -> bool {
+        value(&self.views, at) > 0.0
+    }
+
+    /// The share of the hull's surface that no contour's place is near to: nearer than that one is to its neighbours, or than two cells.
+    #[must_use]
+    pub fn unseen_share(&self, points: &[OccludingPoint]) -> f64 {
+        let places: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
+        let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&places) else {
+            return 1.0;
+        };
+        let areas: Vec<(f64, bool)> = (0..self.mesh.triangles.len())
+            .into_par_iter()
+            .map(|t| {
+                let [a, b, c] = self.mesh.corners(t);
+                let area = 0.5 * norm(cross(sub(b, a), sub(c, a)));
+                let middle = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+                let asked = NonZeroUsize::MIN.saturating_add(NEAREST - 1);
+                let near = tree.query(&middle).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
+                let seen = near.iter().any(|near| {
+                    let p = &points[near.item as usize];
+                    distance(p.position, middle) <= p.reach.max(2.0 * self.cell)
+                });
+                (area, seen)
+            })
+            .collect();
+        let all: f64 = areas.iter().map(|(a, _)| a).sum();
+        let unseen: f64 = areas.iter().filter(|(_, seen)| !seen).map(|(a, _)| a).sum();
+        unseen / all
+    }
+}
+
+/// Least signed distance over all views, in the unit of space.
+fn value(views: &[Distances], at: [f64; 3]) -> f64 {
+    views.iter().map(|view| view.at(at)).fold(f64::INFINITY, f64::min)
+}
+
+fn may_pass(views: &[Distances], at: [f64; 3], reach: f64) -> bool {
+    // Distances in pixels change by no more than the perspective of the ball makes of them.
+    let mut on_border = false;
+    for view in views {
+        let far = distance(view.camera.centre(), at);
+        if far <= 1.5 * reach {
+            return true;
+        }
+        let value = view.at(at);
+        let bound = 2.0 * reach * far / (far - reach);
+        if value < -bound {
+            return false;
+        }
+        on_border |= value < bound;
+    }
+    on_border
+}
+
+impl Distances {
+    fn of(view: &ContourView) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for p in view.silhouette.iter().flat_map(|c| &c.places) {
+            for k in 0..2 {
+                low[k] = low[k].min(p[k]);
+                high[k] = high[k].max(p[k]);
+            }
+        }
+        let first = low.map(|x| x.floor() - 2.0);
+        let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
+        // Squared distances to the border's places next to each pixel, then spread by the lower envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
+        let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
+        for contour in &view.silhouette {
+            for p in &contour.places {
+                let at = [0, 1].map(|k| p[k] - first[k]);
+                for dy in 0..2 {
+                    for dx in 0..2 {
+                        let (x, y) = (at[0].floor() + f64::from(dx), at[1].floor() + f64::from(dy));
+                        let index = y as usize * columns + x as usize;
+                        let d = (x - at[0]).powi(2) + (y - at[1]).powi(2);
+                        squares[index] = squares[index].min(d);
+                    }
+                }
+            }
+        }
+        for y in 0..rows {
+            let row: Vec<f64> = squares[y * columns..][..columns].to_vec();
+            squares[y * columns..][..columns].copy_from_slice(&spread(&row));
+        }
+        for x in 0..columns {
+            let column: Vec<f64> = (0..rows).map(|y| squares[y * columns + x]).collect();
+            for (y, v) in spread(&column).into_iter().enumerate() {
+                squares[y * columns + x] = v;
+            }
+        }
+        let values = (squares.iter().enumerate())
+            .map(|(k, d)| {
+                let at = [first[0] + (k % columns) as f64, first[1] + (k / columns) as f64];
+                let sign = if inside(&view.silhouette, at) { 1.0 } else { -1.0 };
+                (sign * d.sqrt()) as f32
+            })
+            .collect();
+        Self {
+            camera: view.camera,
+            first,
+            columns,
+            rows,
+            values,
+        }
+    }
+
+    /// Signed distance to the border, in the unit of space at the place's distance.
+    fn at(&self, place: [f64; 3]) -> f64 {
+        let width = distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
+        let Some(pixel) = self.camera.project(place) else {
+            return -FAR_PX * width;
+        };
+        let at = [0, 1].map(|k| pixel[k] - self.first[k]);
+        let limits = [self.columns, self.rows].map(|n| (n - 2) as f64 + 0.999);
+        let held = [0, 1].map(|k| at[k].clamp(0.0, limits[k]));
+        let outside = (at[0] - held[0]).hypot(at[1] - held[1]);
+        let (i, j) = (held[0] as usize, held[1] as usize);
+        let (s, t) = (held[0] - i as f64, held[1] - j as f64);
+        let v = |i: usize, j: usize| f64::from(self.values[j * self.columns + i]);
+        let inside =
+            (1.0 - t) * ((1.0 - s) * v(i, j) + s * v(i + 1, j)) + t * ((1.0 - s) * v(i, j + 1) + s * v(i + 1, j + 1));
+        (inside - outside) * width
+    }
+}
+
+/// `min_q (f(q) + (p − q)²)` for every `p`.
+fn spread(f: &[f64]) -> Vec<f64> {
+    let n = f.len();
+    let mut hull: Vec<usize> = Vec::with_capacity(n);
+    let mut from: Vec<f64> = Vec::with_capacity(n);
+    for q in 0..n {
+        loop {
+            let Some(&last) = hull.last() else {
+                hull.push(q);
+                from.push(f64::NEG_INFINITY);
+                break;
+            };
+            let at = |k: usize| f[k] + (k * k) as f64;
+            let cross = (at(q) - at(last)) / (2 * (q - last)) as f64;
+            if from.last().is_some_and(|start| cross <= *start) {
+                hull.pop();
+                from.pop();
+            } else {
+                hull.push(q);
+                from.push(cross);
+                break;
+            }
+        }
+    }
+    let mut k = 0;
+    (0..n)
+        .map(|p| {
+            while k + 1 < hull.len() && from[k + 1] < p as f64 {
+                k += 1;
+            }
+            let d = p as f64 - hull[k] as f64;
+            d * d + f[hull[k]]
+        })
+        .collect()
+}

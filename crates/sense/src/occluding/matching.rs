@@ -1,0 +1,190 @@
+//! Which places of the neighbouring views lie on the same epipolar curve.
+//!
+//! Comes in: a place of a contour, and the contours of two other views. Goes out: the pair of places by which an opaque surface is touched and that asks for the smallest radius, or why there is none.
+//!
+//! An epipolar line passes the contours of another view at several places. Of them only those stay whose surface faces the same way, which turn little, and which with the other view's make a circle on the inner side of the line of sight: along a line of sight that a contour is seen by, an opaque surface is convex (J. Koenderink, *What does the occluding contour tell us about solid shape?*, 1984).
+//!
+//! Not guaranteed: that two silhouettes which move alike are told apart; what contradicts itself later is taken out in `joining`.
+
+use super::circle::{Placed, Sight, meet, placed};
+use super::curve::Local;
+use super::{Contour, ContourView, OccludingOptions, Ready, Spot};
+use planish_estimate::vector3::{add_scaled, dot};
+
+/// So many σ are no contradiction.
+const SIGMAS: f64 = 3.0;
+/// A radius larger than this share of the depth is none of a thing that is seen whole.
+const MOST_RADIUS: f64 = 1.0;
+/// A place may be so many pixels outside of another silhouette beside its σ: masks are whole pixels.
+const OUTSIDE_PX: f64 = 1.5;
+
+/// A place with a depth.
+pub(super) struct Found {
+    pub placed: Placed,
+    pub sight: Sight,
+    pub here: Local,
+    /// Its matches before and after.
+    pub spots: [Spot; 2],
+}
+
+/// A place of another view on the epipolar line.
+struct Candidate {
+    spot: Spot,
+    local: Local,
+}
+
+/// The places of a view on the epipolar plane of a line of sight; an error where that plane touches the surface.
+fn candidates(sight: &Sight, of: &Ready<'_>, options: &OccludingOptions) -> Result<Vec<Candidate>, &'static str> {
+    let plane = sight.epipolar_plane(of.eye.centre).ok_or("along_baseline")?;
+    let least = options.frontier_deg.to_radians().sin();
+    let (outward, cosine) = sight.outward_in(plane).ok_or("frontier")?;
+    if cosine < least {
+        return Err("frontier");
+    }
+    let line = of.eye.line(plane);
+    let length = line[0].hypot(line[1]);
+    if length == 0.0 {
+        return Ok(Vec::new());
+    }
+    let line = line.map(|l| l / length);
+    let off = |p: [f64; 2]| line[0] * p[0] + line[1] * p[1] + line[2];
+    let most_turn = options.most_turn_deg.to_radians().cos();
+    let mut found = Vec::new();
+    for (index, contour) in of.lines.iter().enumerate() {
+        let count = contour.places.len();
+        let last = if contour.curve.closed() { count } else { count - 1 };
+        for k in 0..last {
+            let (Some(a), Some(b)) = (&contour.places[k], &contour.places[(k + 1) % count]) else {
+                continue;
+            };
+            let (da, db) = (off(a.place), off(b.place));
+            if (da > 0.0) == (db > 0.0) {
+                continue;
+            }
+            let refine = || {
+                let mut at = (k as f64 + da / (da - db)) * contour.step;
+                for _ in 0..2 {
+                    let local = contour.curve.at(at)?;
+                    let (_, by) = meet(line, local.place, local.along)?;
+                    (by.abs() < 2.0 * contour.step).then_some(())?;
+                    at = contour.curve.wrapped(at + by);
+                }
+                Some((at, contour.curve.at(at)?))
+            };
+            let Some((at, local)) = refine() else { continue };
+            // The tangent along the epipolar line: a frontier point of that view.
+            let slant = (line[0] * local.along[0] + line[1] * local.along[1]).abs();
+            if local.corner || slant < least {
+                continue;
+            }
+            let seen = Sight::new(&of.eye, local.place, local.along);
+            let facing = seen.and_then(|seen| Some((seen.way, seen.outward_in(plane)?.0)));
+            if let Some((way, out)) = facing
+                && dot(out, outward) > 0.0
+                && dot(way, sight.way) > most_turn
+            {
+                let spot = Spot {
+                    line: index,
+                    length: at,
+                };
+                found.push(Candidate { spot, local });
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The best pair of matches.
+pub(super) fn matched(
+    here: &Ready<'_>,
+    local: &Local,
+    others: [&Ready<'_>; 2],
+    options: &OccludingOptions,
+) -> Result<Found, &'static str> {
+    let sight = Sight::new(&here.eye, local.place, local.along).ok_or("corner")?;
+    let [before, after] = [
+        candidates(&sight, others[0], options)?,
+        candidates(&sight, others[1], options)?,
+    ];
+    let mut best: Option<(f64, Found)> = None;
+    let mut doubtful = false;
+    for a in &before {
+        for b in &after {
+            let eyes = [&here.eye, &others[0].eye, &others[1].eye];
+            let Some(placed) = placed(eyes, local, [&a.local, &b.local]) else {
+                continue;
+            };
+            let solved = placed.solved;
+            let sigma = placed.radius.sqrt();
+            let allowed = solved.depth > 0.0
+                && solved.radius > -SIGMAS * sigma
+                && solved.radius - SIGMAS * sigma < MOST_RADIUS * solved.depth;
+            if !allowed {
+                continue;
+            }
+            if placed.depth.sqrt() > options.most_sigma_share * solved.depth {
+                doubtful = true;
+                continue;
+            }
+            let score = solved.radius.abs();
+            if best.as_ref().is_none_or(|(least, _)| score < *least) {
+                best = Some((
+                    score,
+                    Found {
+                        placed,
+                        sight,
+                        here: *local,
+                        spots: [a.spot, b.spot],
+                    },
+                ));
+            }
+        }
+    }
+    match best {
+        Some((_, found)) => Ok(found),
+        None if doubtful => Err("uncertain"),
+        None => Err("no_match"),
+    }
+}
+
+/// Whether a place projects into, or onto the border of, all other silhouettes, to within its σ.
+pub(super) fn in_all_silhouettes(views: &[ContourView], own: usize, ready: &[Ready<'_>], found: &Found) -> bool {
+    let sigma = found.placed.depth.sqrt();
+    let at = found.placed.position;
+    views.iter().zip(ready).enumerate().all(|(k, (view, ready))| {
+        if k == own || view.silhouette.is_empty() || view.silhouette.iter().any(|c| !c.closed) {
+            return true;
+        }
+        let camera = &ready.eye.camera;
+        let Some(pixel) = camera.project(at) else { return false };
+        if inside(&view.silhouette, pixel) {
+            return true;
+        }
+        let moved = camera.project(add_scaled(at, sigma, found.sight.way)).unwrap_or(pixel);
+        let spread = (moved[0] - pixel[0]).hypot(moved[1] - pixel[1]);
+        let allowed = OUTSIDE_PX + SIGMAS * (view.sigma_px + spread);
+        near(&view.silhouette, pixel, allowed)
+    })
+}
+
+/// Whether a pixel lies within closed contours.
+pub(super) fn inside(contours: &[Contour], at: [f64; 2]) -> bool {
+    let mut inside = false;
+    for contour in contours {
+        let count = contour.places.len();
+        for k in 0..count {
+            let (p, q) = (contour.places[k], contour.places[(k + 1) % count]);
+            if (p[1] > at[1]) != (q[1] > at[1]) && at[0] < p[0] + (at[1] - p[1]) / (q[1] - p[1]) * (q[0] - p[0]) {
+                inside = !inside;
+            }
+        }
+    }
+    inside
+}
+
+fn near(contours: &[Contour], at: [f64; 2], distance: f64) -> bool {
+    contours
+        .iter()
+        .flat_map(|c| &c.places)
+        .any(|p| (p[0] - at[0]).hypot(p[1] - at[1]) <= distance)
+}

@@ -1,0 +1,139 @@
+//! A mesh of each strip: contours of consecutive views, joined by their matches.
+//!
+//! Comes in: points with the ones that follow them along their contour and in the next view. Goes out: triangles over the points, and positions in which depths are regularised.
+//!
+//! Along its line of sight a place is known far worse than across it, and moving it there keeps it on the surface to first order. So depths are relaxed: each is the mean, by information, of what the circle says and of the middle between its two neighbours, in the views before and after and along the contour. How far a place may lie from that middle is taken from the strip itself, as the median over its places, less what σ makes of it (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface reconstruction through image sequences*, ECCV 1994, serves the same end). Covariances stay those of the measurements.
+//!
+//! Not guaranteed: triangles where the surface is an edge, which fold over or are of no size: they are left out.
+
+use super::OccludingPoint;
+use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
+
+/// Rounds of relaxation.
+const ROUNDS: usize = 12;
+/// The middle of two neighbours counts no more than as if it were known to this share of their distance.
+const LEAST_SHARE: f64 = 0.03;
+/// A place that a match skips is walked over, up to so many.
+const MOST_STEPS: usize = 8;
+/// Cosine between a triangle and its corners' normals, at least.
+const LEAST_COSINE: f64 = 0.3;
+/// A normal distribution's median square over its variance.
+const MEDIAN_SQUARE: f64 = 0.4549;
+
+/// What follows each point.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Following {
+    /// Along its contour.
+    pub along: Vec<Option<usize>>,
+    /// In the next view.
+    pub across: Vec<Option<usize>>,
+}
+
+/// What comes before each point.
+fn reversed(next: &[Option<usize>]) -> Vec<Option<usize>> {
+    let mut before = vec![None; next.len()];
+    for (k, to) in next.iter().enumerate() {
+        if let Some(to) = to {
+            before[*to] = Some(k);
+        }
+    }
+    before
+}
+
+/// Positions with relaxed depths; `ways` are the lines of sight.
+pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &Following) -> Vec<[f64; 3]> {
+    let mut positions: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
+    let pairs: Vec<[Option<[usize; 2]>; 2]> = {
+        let both = |next: &[Option<usize>]| -> Vec<Option<[usize; 2]>> {
+            let before = reversed(next);
+            (before.iter().zip(next)).map(|(a, b)| Some([(*a)?, (*b)?])).collect()
+        };
+        both(&following.across)
+            .into_iter()
+            .zip(both(&following.along))
+            .map(|(a, b)| [a, b])
+            .collect()
+    };
+    // How far the middle of two neighbours lies from a place, along its line of sight.
+    let off = |positions: &[[f64; 3]], k: usize, [a, b]: [usize; 2]| {
+        let middle = scale(0.5, add(positions[a], positions[b]));
+        dot(ways[k], sub(middle, positions[k]))
+    };
+    let strips = points.iter().map(|p| p.strip + 1).max().unwrap_or(0);
+    let mut spread = vec![[0.0; 2]; strips];
+    for (strip, spread) in spread.iter_mut().enumerate() {
+        for (kind, spread) in spread.iter_mut().enumerate() {
+            let mut squares: Vec<f64> = (0..points.len())
+                .filter(|k| points[*k].strip == strip)
+                .filter_map(|k| {
+                    let pair = pairs[k][kind]?;
+                    let own = points[k].sigma_depth.powi(2);
+                    let others: f64 = pair.iter().map(|j| points[*j].sigma_depth.powi(2)).sum();
+                    Some(off(&positions, k, pair).powi(2) / MEDIAN_SQUARE - own - 0.25 * others)
+                })
+                .collect();
+            squares.sort_by(f64::total_cmp);
+            *spread = squares.get(squares.len() / 2).copied().unwrap_or(0.0).max(0.0);
+        }
+    }
+    for _ in 0..ROUNDS {
+        let next: Vec<[f64; 3]> = (0..points.len())
+            .map(|k| {
+                let own = 1.0 / points[k].sigma_depth.powi(2).max(f64::MIN_POSITIVE);
+                let moved = dot(ways[k], sub(points[k].position, positions[k]));
+                let (mut sum, mut information) = (own * moved, own);
+                for kind in 0..2 {
+                    if let Some(pair) = pairs[k][kind] {
+                        let apart = norm(sub(positions[pair[0]], positions[pair[1]]));
+                        let least = (LEAST_SHARE * apart).powi(2).max(f64::MIN_POSITIVE);
+                        let weight = 1.0 / spread[points[k].strip][kind].max(least);
+                        sum += weight * off(&positions, k, pair);
+                        information += weight;
+                    }
+                }
+                // Half of the way, or neighbours change places for ever.
+                add_scaled(positions[k], 0.5 * sum / information, ways[k])
+            })
+            .collect();
+        positions = next;
+    }
+    positions
+}
+
+/// Triangles between contours of consecutive views, facing outwards.
+pub(super) fn triangles(points: &[OccludingPoint], positions: &[[f64; 3]], following: &Following) -> Vec<[u32; 3]> {
+    let mut found = Vec::new();
+    for k in 0..points.len() {
+        let corners = (|| {
+            let next = following.along[k]?;
+            Some((next, following.across[k]?, following.across[next]?))
+        })();
+        let Some((next, first, last)) = corners else { continue };
+        let mut chain = vec![first];
+        while chain.last() != Some(&last) && chain.len() <= MOST_STEPS {
+            match chain.last().and_then(|c| following.along[*c]) {
+                Some(step) => chain.push(step),
+                None => break,
+            }
+        }
+        if chain.last() != Some(&last) {
+            continue;
+        }
+        let fan = chain.windows(2).map(|pair| [k, pair[1], pair[0]]);
+        for triangle in fan.chain([[k, next, last]]) {
+            let [a, b, c] = triangle.map(|v| positions[v]);
+            let out = triangle.iter().fold([0.0; 3], |sum, v| add(sum, points[*v].normal));
+            let (Some(facing), Some(out)) = (unit(cross(sub(b, a), sub(c, a))), unit(out)) else {
+                continue;
+            };
+            let cosine = dot(facing, out);
+            let [a, b, c] = triangle.map(|v| v as u32);
+            if cosine > LEAST_COSINE {
+                found.push([a, b, c]);
+            } else if cosine < -LEAST_COSINE {
+                found.push([a, c, b]);
+            }
+        }
+    }
+    found
+}

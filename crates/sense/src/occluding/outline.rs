@@ -1,0 +1,235 @@
+//! Outlines: from a mask to its borders in order, between pixels.
+//!
+//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: [`Contour`]s with the thing to the right of the way.
+//!
+//! Not guaranteed: the border where the picture ends, where contours are open; corners, which smoothing rounds off.
+
+use super::matching::inside;
+use crate::silhouette::{FRAME, fill, smoothed};
+use crate::{Image, SilhouetteOptions};
+use planish_estimate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// Which side of a contour the thing is on is looked at so many pixels beside it.
+const SIDE_PX: f64 = 3.0;
+
+/// Places along a contour of a picture, in order.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Contour {
+    /// Pixels, centres at integers. The thing lies to the right of the way, as one sees the picture: outwards is `(dy, −dx)`.
+    pub places: Vec<[f64; 2]>,
+    /// Whether the first follows the last.
+    pub closed: bool,
+}
+
+impl Contour {
+    /// Takes the contour for closed where its ends lie no farther apart than three of its steps.
+    pub fn close(&mut self) {
+        let apart = |p: [f64; 2], q: [f64; 2]| (p[0] - q[0]).hypot(p[1] - q[1]);
+        if let ([first, .., last], true) = (&self.places[..], self.places.len() > 8) {
+            let mut steps: Vec<f64> = self.places.windows(2).map(|pair| apart(pair[0], pair[1])).collect();
+            steps.sort_by(f64::total_cmp);
+            self.closed = apart(*first, *last) <= 3.0 * steps[steps.len() / 2];
+        }
+    }
+
+    /// Turns the way round where the thing, which lies within closed `outlines`, is on the left; as it was where they do not tell.
+    pub fn face(&mut self, outlines: &[Contour]) {
+        let outlines: Vec<Contour> = outlines.iter().filter(|o| o.closed).cloned().collect();
+        let sides: i64 = (self.places.windows(2))
+            .map(|pair| {
+                let [p, q] = [pair[0], pair[1]];
+                let length = (q[0] - p[0]).hypot(q[1] - p[1]).max(f64::MIN_POSITIVE);
+                let out = [(q[1] - p[1]) / length, (p[0] - q[0]) / length].map(|x| SIDE_PX * x);
+                let held = |sign: f64| inside(&outlines, [0, 1].map(|k| p[k] + sign * out[k]));
+                i64::from(held(-1.0)) - i64::from(held(1.0))
+            })
+            .sum();
+        if sides < 0 {
+            self.places.reverse();
+        }
+    }
+}
+
+/// The borders of a mask, in order.
+///
+/// A mask of grey levels, where no threshold is given, is taken for the share of each pixel that the thing covers, which places its border to some hundredths of a pixel. Values are smoothed by a Gaussian of `smoothing_px`; the border is where they pass one half, by marching squares with straight lines between pixels. Smoothing draws a border of radius `r` inwards by about `smoothing_px² / 2r`.
+///
+/// Cost: one pass over the picture.
+///
+/// # Errors
+/// `Input` for a smoothing that is not positive; `Undetermined` where all pixels are the same, or no border is within the picture.
+pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Contour>> {
+    if !(options.smoothing_px.is_finite() && options.smoothing_px > 0.0) {
+        return Err(Error::input(format!(
+            "the smoothing of an outline is a positive number of pixels, got {}",
+            options.smoothing_px
+        )));
+    }
+    let (columns, rows) = (picture.columns, picture.rows);
+    let (low, high) = (picture.values.iter()).fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
+        (low.min(*v), high.max(*v))
+    });
+    let (low, high) = (f64::from(low), f64::from(high));
+    let threshold = options.threshold.unwrap_or(0.5 * (low + high));
+    let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
+    let of_thing = mask.iter().filter(|m| **m).count();
+    if of_thing == 0 || of_thing == mask.len() {
+        return Err(Error::undetermined(format!(
+            "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
+        )));
+    }
+    let before = mask.clone();
+    let least = (options.least_share * of_thing as f64) as usize;
+    fill(&mut mask, columns, true, least);
+    fill(&mut mask, columns, false, least);
+    let values: Vec<f64> = (picture.values.iter().zip(&mask).zip(&before))
+        .map(|((v, now), was)| match options.threshold.is_none() && now == was {
+            true => (f64::from(*v) - low) / (high - low),
+            false => f64::from(u8::from(*now)),
+        })
+        .collect();
+    let smooth = smoothed(&values, columns, rows, options.smoothing_px);
+    let found = followed(&smooth, columns, rows);
+    if found.is_empty() {
+        return Err(Error::undetermined("a mask has no border within the picture"));
+    }
+    Ok(found)
+}
+
+/// The lines where values pass one half, cell by cell, then joined.
+fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
+    // Crossings by the pixel they start at and the way they go: 0 to the right, 1 down.
+    let place = |edge: usize| -> [f64; 2] {
+        let (pixel, way) = (edge / 2, edge % 2);
+        let other = if way == 0 { pixel + 1 } else { pixel + columns };
+        let (here, there) = (values[pixel] - 0.5, values[other] - 0.5);
+        let share = here / (here - there);
+        let at = [(pixel % columns) as f64, (pixel / columns) as f64];
+        if way == 0 {
+            [at[0] + share, at[1]]
+        } else {
+            [at[0], at[1] + share]
+        }
+    };
+    let mut next: BTreeMap<usize, usize> = BTreeMap::new();
+    let clear = FRAME as usize;
+    for row in clear..rows.saturating_sub(clear + 1) {
+        for column in clear..columns.saturating_sub(clear + 1) {
+            let first = row * columns + column;
+            // Clockwise from the upper left, and the edge that follows each corner.
+            let corners = [first, first + 1, first + columns + 1, first + columns];
+            let edges = [2 * first, 2 * (first + 1) + 1, 2 * (first + columns), 2 * first + 1];
+            let inside = corners.map(|k| values[k] > 0.5);
+            let leaves: Vec<usize> = (0..4).filter(|&k| inside[k] && !inside[(k + 1) % 4]).collect();
+            if leaves.is_empty() {
+                continue;
+            }
+            let middle: f64 = corners.iter().map(|k| values[*k]).sum::<f64>() / 4.0;
+            for &leave in &leaves {
+                // Where both halves of the thing meet in the middle, the line cuts off what is outside, else what is inside.
+                let steps: [usize; 3] = match leaves.len() == 2 && middle <= 0.5 {
+                    true => [3, 2, 1],
+                    false => [1, 2, 3],
+                };
+                let enter = steps
+                    .into_iter()
+                    .map(|by| (leave + by) % 4)
+                    .find(|&k| !inside[k] && inside[(k + 1) % 4]);
+                if let Some(enter) = enter {
+                    next.insert(edges[leave], edges[enter]);
+                }
+            }
+        }
+    }
+    let reached: std::collections::BTreeSet<usize> = next.values().copied().collect();
+    let mut starts: Vec<usize> = next.keys().copied().filter(|edge| !reached.contains(edge)).collect();
+    starts.extend(next.keys().copied());
+    let mut found = Vec::new();
+    for start in starts {
+        let mut places = Vec::new();
+        let mut here = start;
+        let closed = loop {
+            let Some(to) = next.remove(&here) else { break false };
+            places.push(place(here));
+            here = to;
+            if here == start {
+                break true;
+            }
+        };
+        if places.len() > 2 {
+            if !closed {
+                places.push(place(here));
+            }
+            found.push(Contour { places, closed });
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc whose grey levels are the share of each pixel that it covers: one closed border, in order, to some hundredths of a pixel, with the disc on its right.
+    #[test]
+    fn the_outline_of_a_disc_runs_round_it_once() {
+        let center = [60.3, 48.8];
+        let covered = |k: usize| {
+            let within = (0..64).filter(|j| {
+                let x = (k % 120) as f64 + ((j % 8) as f64 - 3.5) / 8.0 - center[0];
+                let y = (k / 120) as f64 + ((j / 8) as f64 - 3.5) / 8.0 - center[1];
+                x.hypot(y) < 30.4
+            });
+            255.0 * within.count() as f32 / 64.0
+        };
+        let picture = Image::try_new(120, 100, (0..12_000).map(covered).collect()).unwrap();
+        let found = outlines(&picture, &SilhouetteOptions::default()).unwrap();
+        assert_eq!(found.len(), 1);
+        assert!(found[0].closed && found[0].places.len() > 200);
+        let places = &found[0].places;
+        let mut turned = 0.0;
+        for k in 0..places.len() {
+            let [p, q] = [places[k], places[(k + 1) % places.len()]].map(|p| [p[0] - center[0], p[1] - center[1]]);
+            assert!((p[0].hypot(p[1]) - 30.4).abs() < 0.06, "{}", p[0].hypot(p[1]));
+            assert!((q[0] - p[0]).hypot(q[1] - p[1]) < 1.5);
+            turned += (p[0] * q[1] - p[1] * q[0]).atan2(p[0] * q[0] + p[1] * q[1]);
+        }
+        // Clockwise as one sees it, with y downwards.
+        assert!((turned - std::f64::consts::TAU).abs() < 1e-9, "{turned}");
+    }
+
+    #[test]
+    fn contours_are_closed_and_turned_where_that_is_plain() {
+        let ring = |count: usize| Contour {
+            places: (0..count)
+                .map(|k| 0.1 * k as f64)
+                .map(|a| [50.0 + 20.0 * a.cos(), 50.0 + 20.0 * a.sin()])
+                .collect(),
+            closed: false,
+        };
+        let (mut whole, mut half) = (ring(62), ring(31));
+        whole.close();
+        half.close();
+        assert!(whole.closed && !half.closed);
+        let mut turned = half.clone();
+        turned.places.reverse();
+        turned.face(&[whole.clone()]);
+        half.face(&[whole]);
+        assert_eq!(turned, half);
+        // Clockwise as one sees it: the middle is on the right.
+        assert_eq!(half.places[0], [70.0, 50.0]);
+    }
+
+    #[test]
+    fn a_thing_that_reaches_out_of_the_picture_has_an_open_outline() {
+        let inside = |k: usize| ((k % 120) as f64).hypot((k / 120) as f64 - 50.0) < 30.0;
+        let values = (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect();
+        let picture = Image::try_new(120, 100, values).unwrap();
+        let found = outlines(&picture, &SilhouetteOptions::default()).unwrap();
+        assert!(found.len() == 1 && !found[0].closed);
+        let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
+        let said = outlines(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
+        assert!(said.contains("both sides"), "{said}");
+    }
+}

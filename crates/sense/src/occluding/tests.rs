@@ -1,0 +1,394 @@
+use super::*;
+use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+const FOCAL: f64 = 900.0;
+
+/// A camera at a place that looks at another.
+fn camera(from: [f64; 3], to: [f64; 3]) -> Pinhole {
+    let forward = unit(sub(to, from)).unwrap();
+    let right = unit(cross(forward, [0.0, 0.0, 1.0])).unwrap();
+    let r = [right, cross(forward, right), forward];
+    Pinhole {
+        k: [[FOCAL, 0.0, 320.0], [0.0, FOCAL, 240.0], [0.0, 0.0, 1.0]],
+        r,
+        t: r.map(|row| -dot(row, from)),
+    }
+}
+
+/// An ellipsoid whose axes are those of space.
+#[derive(Clone, Copy)]
+struct Ellipsoid {
+    middle: [f64; 3],
+    axes: [f64; 3],
+}
+
+impl Ellipsoid {
+    /// Where its contour lies on it, in order, for a camera at a place.
+    fn generator(&self, from: [f64; 3], count: usize) -> Vec<[f64; 3]> {
+        let c: [f64; 3] = std::array::from_fn(|k| (from[k] - self.middle[k]) / self.axes[k]);
+        let far2 = dot(c, c);
+        let (a, b) = planish_estimate::vector3::tangents(unit(c).unwrap());
+        let radius = (1.0 - 1.0 / far2).sqrt();
+        (0..count)
+            .map(|k| {
+                let t = std::f64::consts::TAU * k as f64 / count as f64;
+                let x = add(
+                    scale(1.0 / far2, c),
+                    add(scale(radius * t.cos(), a), scale(radius * t.sin(), b)),
+                );
+                std::array::from_fn(|k| self.middle[k] + self.axes[k] * x[k])
+            })
+            .collect()
+    }
+
+    fn normal(&self, at: [f64; 3]) -> [f64; 3] {
+        unit(std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2))).unwrap()
+    }
+
+    /// Distance to the surface, of first order.
+    fn height(&self, at: [f64; 3]) -> f64 {
+        let g: [f64; 3] = std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2));
+        let f = (0..3)
+            .map(|k| ((at[k] - self.middle[k]) / self.axes[k]).powi(2))
+            .sum::<f64>()
+            - 1.0;
+        0.5 * f / norm(g)
+    }
+
+    /// Its outline, the thing on the right.
+    fn outline(&self, camera: &Pinhole, sigma: f64, random: &mut ChaCha8Rng) -> Contour {
+        let exact: Vec<[f64; 2]> = (self.generator(camera.centre(), 900).iter())
+            .map(|p| camera.project(*p).unwrap())
+            .collect();
+        let middle = camera.project(self.middle).unwrap();
+        let turn: f64 = (0..exact.len())
+            .map(|k| {
+                let [p, q] = [exact[k], exact[(k + 1) % exact.len()]].map(|p| [p[0] - middle[0], p[1] - middle[1]]);
+                p[0] * q[1] - p[1] * q[0]
+            })
+            .sum();
+        let mut places: Vec<[f64; 2]> = exact
+            .iter()
+            .map(|p| {
+                p.map(|x| {
+                    let e: f64 = StandardNormal.sample(random);
+                    x + sigma * e
+                })
+            })
+            .collect();
+        if turn < 0.0 {
+            places.reverse();
+        }
+        Contour { places, closed: true }
+    }
+}
+
+fn seen(cameras: &[Pinhole], thing: &Ellipsoid, sigma: f64) -> Vec<ContourView> {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    (cameras.iter().enumerate())
+        .map(|(k, camera)| {
+            let outline = thing.outline(camera, sigma, &mut random);
+            ContourView {
+                name: format!("view{k}"),
+                camera: *camera,
+                contours: vec![outline.clone()],
+                silhouette: vec![outline],
+                sigma_px: sigma.max(1e-3),
+                apart_px: 0.0,
+            }
+        })
+        .collect()
+}
+
+/// An arc of views around the middle, from a little above.
+fn arc(views: usize, step_deg: f64, height: f64) -> Vec<Pinhole> {
+    (0..views)
+        .map(|k| {
+            let a = (step_deg * (k as f64 - 0.5 * views as f64)).to_radians();
+            camera([7.0 * a.cos(), 7.0 * a.sin(), height], [0.0; 3])
+        })
+        .collect()
+}
+
+fn run(views: &[ContourView]) -> Result<OccludingContours> {
+    occluding_contours(views, &OccludingOptions::default(), &mut |_| Ok(()))
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0.0);
+    for v in values {
+        sum += v * v;
+        n += 1.0;
+    }
+    (sum / n).sqrt()
+}
+
+/// The error of a point's depth: from the place of the true contour that its pixel shows.
+fn depth_error(thing: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f64 {
+    let way = unit(sub(point.position, camera.centre())).unwrap();
+    let nearest = (thing.generator(camera.centre(), 3000).into_iter())
+        .min_by(|a, b| {
+            let off = |p: &[f64; 3]| {
+                let pixel = camera.project(*p).unwrap();
+                (pixel[0] - point.pixel[0]).hypot(pixel[1] - point.pixel[1])
+            };
+            off(a).total_cmp(&off(b))
+        })
+        .unwrap();
+    dot(sub(point.position, nearest), way)
+}
+
+const BALL: Ellipsoid = Ellipsoid {
+    middle: [0.0; 3],
+    axes: [1.0; 3],
+};
+const EGG: Ellipsoid = Ellipsoid {
+    middle: [0.1, -0.2, 0.1],
+    axes: [1.4, 0.8, 1.1],
+};
+
+#[test]
+fn a_ball_without_noise_is_found_to_its_window() {
+    let cameras = arc(9, 6.0, 2.0);
+    let found = run(&seen(&cameras, &BALL, 0.0)).unwrap();
+    assert!(found.points.len() > 300, "{:?}", found.left_out);
+    for p in &found.points {
+        assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 0.02 * p.sigma_depth.max(0.05));
+        assert!(BALL.height(p.position).abs() < 1e-4, "{}", BALL.height(p.position));
+        assert!(
+            (p.radius - 1.0).abs() < 0.02 + 3.0 * p.sigma_radius,
+            "{} {}",
+            p.radius,
+            p.sigma_radius
+        );
+        assert!(dot(p.normal, BALL.normal(p.position)) > 0.9999);
+    }
+    // Above and below, epipolar planes touch the ball.
+    assert!(found.left_out["frontier"] > 20 && found.left_out["end_of_sequence"] > 100);
+    assert_eq!(
+        (found.sequences, found.asked),
+        (1, found.points.len() + found.left_out.values().sum::<usize>())
+    );
+}
+
+/// Errors over their stated σ: of the depth, of the place along the normal, of the normal, and the contours' own χ².
+#[test]
+fn sigma_of_noisy_contours_tells_the_truth() {
+    let cameras = arc(21, 5.0, 1.5);
+    let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
+    assert!(found.points.len() > 800, "{:?}", found.left_out);
+    assert!(
+        (found.reduced_chi_square - 1.0).abs() < 0.05,
+        "{}",
+        found.reduced_chi_square
+    );
+    let depth = rms(found
+        .points
+        .iter()
+        .map(|p| depth_error(&EGG, &cameras[p.view], p) / p.sigma_depth));
+    assert!((0.8..1.15).contains(&depth), "{depth}");
+    let height = rms(found.points.iter().map(|p| {
+        let n = EGG.normal(p.position);
+        let variance: f64 = (0..3)
+            .map(|i| (0..3).map(|j| n[i] * p.covariance[i][j] * n[j]).sum::<f64>())
+            .sum();
+        EGG.height(p.position) / variance.sqrt()
+    }));
+    assert!((0.8..1.2).contains(&height), "{height}");
+    // The angle is that of both axes together.
+    let turned = rms(found
+        .points
+        .iter()
+        .map(|p| dot(p.normal, EGG.normal(p.position)).min(1.0).acos().to_degrees() / p.sigma_normal_deg));
+    let turned = turned / 2_f64.sqrt();
+    assert!((0.75..1.25).contains(&turned), "{turned}");
+}
+
+/// Views 20° apart: the egg's radius changes from one to the next. What the circle leaves out is most of the error, and is stated.
+#[test]
+fn what_the_circle_leaves_out_is_stated() {
+    let cameras = arc(7, 20.0, 1.0);
+    let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
+    assert!(found.points.len() > 150, "{:?}", found.left_out);
+    let errors: Vec<f64> = (found.points.iter())
+        .map(|p| depth_error(&EGG, &cameras[p.view], p))
+        .collect();
+    let stated = rms(errors.iter().zip(&found.points).map(|(e, p)| e / p.sigma_depth));
+    let without = rms(errors
+        .iter()
+        .zip(&found.points)
+        .map(|(e, p)| e / (p.sigma_depth.powi(2) - p.sigma_circle.powi(2)).sqrt()));
+    assert!((0.5..1.6).contains(&stated), "{stated}");
+    assert!(without > 3.0, "{without}");
+}
+
+/// A camera that flies along a line which touches the ball: that line of sight tells nothing, and says so.
+#[test]
+fn a_line_of_sight_along_the_motion_is_left_out() {
+    let cameras: Vec<Pinhole> = (0..9)
+        .map(|k| camera([-8.0 + 0.4 * f64::from(k), 1.0, 0.0], [0.0; 3]))
+        .collect();
+    let views = seen(&cameras, &BALL, 0.1);
+    let found = run(&views).unwrap();
+    assert!(
+        found.left_out.contains_key("along_baseline") || found.left_out.contains_key("uncertain"),
+        "{:?}",
+        found.left_out
+    );
+    for p in &found.points {
+        assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
+    }
+    // A camera that only turns sees no depth at all.
+    let turning: Vec<Pinhole> = (0..5)
+        .map(|k| camera([7.0, 1e-9 * f64::from(k), 0.0], [0.0, 0.05 * f64::from(k), 0.0]))
+        .collect();
+    let said = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
+    assert!(
+        said.contains("no place") && said.contains("across the lines of sight"),
+        "{said}"
+    );
+}
+
+/// Two balls, one of which passes before the other: their common outline falls apart and comes together again. Every place that is given is of one of them.
+#[test]
+fn outlines_that_part_are_not_joined_wrongly() {
+    let balls = [
+        Ellipsoid {
+            middle: [1.2, 0.3, 0.0],
+            axes: [0.8; 3],
+        },
+        Ellipsoid {
+            middle: [-1.2, -0.3, 0.1],
+            axes: [0.9; 3],
+        },
+    ];
+    let cameras = arc(25, 5.0, 1.0);
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut counts = std::collections::BTreeSet::new();
+    let views: Vec<ContourView> = (cameras.iter().enumerate())
+        .map(|(k, camera)| {
+            let whole = balls.map(|b| b.outline(camera, 0.1, &mut random));
+            let mut contours = Vec::new();
+            for (own, other) in [(0, 1), (1, 0)] {
+                let hidden: Vec<bool> = (whole[own].places.iter())
+                    .map(|p| matching::inside(&whole[other..=other], *p))
+                    .collect();
+                let count = hidden.len();
+                match (0..count).find(|k| hidden[*k] && !hidden[(k + 1) % count]) {
+                    None if !hidden[0] => contours.push(whole[own].clone()),
+                    None => {}
+                    Some(start) => {
+                        let places = (1..count)
+                            .map(|k| (start + k) % count)
+                            .take_while(|k| !hidden[*k])
+                            .map(|k| whole[own].places[k])
+                            .collect();
+                        contours.push(Contour { places, closed: false });
+                    }
+                }
+            }
+            counts.insert(contours.iter().filter(|c| c.closed).count());
+            ContourView {
+                name: format!("view{k}"),
+                camera: *camera,
+                contours,
+                silhouette: Vec::new(),
+                sigma_px: 0.1,
+                apart_px: 0.0,
+            }
+        })
+        .collect();
+    assert!(counts.len() > 1, "the outlines do part");
+    let found = run(&views).unwrap();
+    assert!(
+        found.points.len() > 800 && found.strips > 1,
+        "{} {:?}",
+        found.points.len(),
+        found.left_out
+    );
+    let mut of = vec![[0, 0]; found.strips];
+    for p in &found.points {
+        let heights = balls.map(|b| b.height(p.position).abs());
+        let nearest = usize::from(heights[1] < heights[0]);
+        assert!(heights[nearest] < 0.03, "{heights:?} {p:?}");
+        of[p.strip][nearest] += 1;
+    }
+    assert!(of.iter().all(|[a, b]| *a == 0 || *b == 0), "{of:?}");
+}
+
+/// A ball's hull by a ring of views is the ball; seen from half around only, a share of it was no contour's.
+#[test]
+fn the_hull_says_what_no_contour_saw() {
+    let around: Vec<Pinhole> = (0..24)
+        .map(|k| {
+            let a = std::f64::consts::TAU * f64::from(k) / 24.0;
+            camera([7.0 * a.cos(), 7.0 * a.sin(), 1.0], [0.0; 3])
+        })
+        .collect();
+    let views = seen(&around, &BALL, 0.05);
+    let bounds = planish_mesh::BoundingBox {
+        min: [-1.5; 3],
+        max: [1.5; 3],
+    };
+    let hull = VisualHull::new(&views, &bounds, 60).unwrap();
+    let all = run(&views).unwrap();
+    assert_eq!(all.left_out.get("end_of_sequence"), None);
+    for p in &hull.mesh.positions {
+        assert!(norm(*p) > 0.97 && norm(*p) < 1.25, "{}", norm(*p));
+    }
+    assert!(hull.holds([0.0, 0.9, 0.0]) && !hull.holds([0.0, 1.1, 0.0]));
+    let unseen = hull.unseen_share(&all.points);
+    let few = run(&views[..6]).unwrap();
+    let more = hull.unseen_share(&few.points);
+    assert!(unseen < 0.25 && more > unseen + 0.3, "{unseen} {more}");
+}
+
+/// The mesh of an egg's strips: manifold, facing outwards, as near to the egg as σ says, and its depths nearer than the points' own.
+#[test]
+fn strips_become_meshes_with_regularised_depths() {
+    let cameras = arc(25, 4.0, 1.0);
+    let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
+    let (mut vertices, mut area) = (0, 0.0);
+    for strip in 0..found.strips {
+        let (mesh, sigma) = found.patch(strip).unwrap();
+        let check = mesh.check();
+        assert_eq!((check.nonmanifold_edges, check.components), (0, 1), "{check:?}");
+        let off = rms(mesh.positions.iter().zip(&sigma).map(|(p, s)| EGG.height(*p) / s));
+        assert!((0.6..1.3).contains(&off), "{off}");
+        let normals = mesh.vertex_normals();
+        assert!((normals.iter().zip(&mesh.positions)).all(|(n, p)| dot(*n, EGG.normal(*p)) > 0.7));
+        vertices += mesh.positions.len();
+        area += mesh.area();
+    }
+    assert!(
+        vertices as f64 > 0.95 * found.points.len() as f64 && area > 4.0,
+        "{vertices} {area}"
+    );
+    let error = |moved: bool| {
+        rms((found.points.iter().zip(&found.relaxed)).map(|(p, relaxed)| {
+            let at = if moved { *relaxed } else { p.position };
+            depth_error(&EGG, &cameras[p.view], &OccludingPoint { position: at, ..*p })
+        }))
+    };
+    assert!(error(true) < 0.85 * error(false), "{} {}", error(true), error(false));
+}
+
+#[test]
+fn mistakes_are_named() {
+    let views = seen(&arc(3, 5.0, 1.0), &BALL, 0.1);
+    assert!(run(&views[..2]).unwrap_err().to_string().contains("three views"));
+    let mut odd = views.clone();
+    odd[1].sigma_px = 0.0;
+    assert!(run(&odd).unwrap_err().to_string().contains("view `view1`"));
+    let options = OccludingOptions {
+        half_window_px: -1.0,
+        ..OccludingOptions::default()
+    };
+    let said = occluding_contours(&views, &options, &mut |_| Ok(()))
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains("window"), "{said}");
+}
