@@ -6,11 +6,11 @@ use crate::shell_args::ShellArgs;
 use crate::shell_scene::ShellSceneArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
-use planish::report::ReportOutput;
 use planish::compare::ComparedPart;
 use planish::fit::{Filter, RefineBy, ThingMotion};
 use planish::next::Length;
 use planish::propagate::SymmetryChoice;
+use planish::report::ReportOutput;
 use planish::solid::ViewKind;
 use planish::{Shape, SymmetryKind, Unit};
 use std::path::PathBuf;
@@ -124,8 +124,13 @@ fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
-    std::iter::once("planish".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+    let words = std::env::args_os()
+        .skip(1)
+        .map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("planish".to_owned())
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// A unit of length on the command line.
@@ -436,6 +441,9 @@ pub struct CompareArgs {
     /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -498,6 +506,9 @@ pub struct SolidArgs {
     /// How the views of one file are placed: first angle (Europe, the view from above stands below) or third angle (America)
     #[arg(long, value_enum, default_value_t = ProjectionName::First)]
     pub projection: ProjectionName,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -585,6 +596,9 @@ pub struct NextArgs {
     /// Make the mean variance small instead of the largest σ
     #[arg(long)]
     pub mean: bool,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

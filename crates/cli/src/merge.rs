@@ -5,6 +5,7 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::merge::{MergeOptions, MergeReport, merge_files, plan_merged, write_merged};
 use planish::progress::Progress;
+use planish::report::write_merge_report;
 use planish::{Result, Unit};
 use serde::Serialize;
 
@@ -26,6 +27,10 @@ pub fn run(args: &MergeArgs) -> u8 {
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     plan_merged(&args.output, &args.patches)?;
+    let page = args.page.output(&args.common);
+    if let Some(page) = &page {
+        page.check(&args.patches, &args.output)?;
+    }
     let options = MergeOptions {
         method: args.method.map(Into::into),
         unit: args.common.unit.map(Unit::from),
@@ -38,12 +43,15 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     for path in &args.output {
         write_merged(&merged, path, progress)?;
     }
+    if let Some(page) = &page {
+        write_merge_report(&merged, page)?;
+    }
     let report = merged.report;
     Ok(Summary {
         text: text(args, &report),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
-        outputs: args.output.clone(),
+        outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
         warnings: report.warnings.clone(),
         body: Body {
             report,

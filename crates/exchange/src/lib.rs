@@ -69,8 +69,8 @@ mod several;
 mod source;
 mod unit;
 
-pub use checksum::sha256_of;
 pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
+pub use checksum::sha256_of;
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::extension;

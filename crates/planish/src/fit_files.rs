@@ -228,7 +228,10 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
         (n, dropped) => format!("{n} points, {dropped} more not finite"),
     };
     let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
-    let model = job.update.iter().map(|path| (path.clone(), "the model that was updated".to_owned()));
+    let model = job
+        .update
+        .iter()
+        .map(|path| (path.clone(), "the model that was updated".to_owned()));
     scans.chain(model).collect()
 }
 

@@ -3,10 +3,20 @@
 //! Comes in: what a job knows once it is done, its model and the figures of its summary. Goes out: a [`planish_report::Page`] and its file. Nothing that
 //! the summary says is computed again. Reports hold no time of day: the same input gives the same bytes.
 
+mod compare;
+mod contour;
 mod fit;
+mod merge;
 mod model;
+mod next;
+mod solid;
 
+pub(crate) use compare::compare_page;
+pub(crate) use contour::contour_page;
 pub(crate) use fit::fit_page;
+pub use merge::write_merge_report;
+pub(crate) use next::next_page;
+pub(crate) use solid::solid_page;
 
 use crate::output::{refuse_input_as_output, refuse_same_output};
 use planish_estimate::{Error, Result};
@@ -75,8 +85,10 @@ impl ReportOutput {
 
 /// The last part of a path, as text.
 pub(crate) fn file_name(path: &Path) -> String {
-    path.file_name()
-        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |name| name.to_string_lossy().into_owned(),
+    )
 }
 
 /// What a report is of: the first file and how many more, or the folder's name where files in it are many.

@@ -11,9 +11,13 @@
   // ---- arrays -------------------------------------------------------------------------------------------------------
   const ARRAYS = { f32: Float32Array, u32: Uint32Array, u16: Uint16Array, u8: Uint8Array };
   function array(packed) {
-    const text = atob(packed.data);
-    const bytes = new Uint8Array(text.length);
-    for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+    let bytes;
+    if (Uint8Array.fromBase64) bytes = Uint8Array.fromBase64(packed.data);
+    else {
+      const text = atob(packed.data);
+      bytes = new Uint8Array(text.length);
+      for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+    }
     return new ARRAYS[packed.type](bytes.buffer);
   }
   // Places in steps of the scene's box over 65535.
@@ -49,7 +53,11 @@
     if (!Number.isFinite(value)) return "not known";
     if (value === 0) return "0";
     const size = Math.abs(value);
-    if (size >= 1e6 || size < 1e-4) return value.toExponential(digits - 1).replace("e", " · 10^").replace("^+", "^");
+    if (size >= 1e6 || size < 1e-4) {
+      const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+      const raised = [...exponent.replace("+", "")].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
+      return `${Number(mantissa)}·10${raised}`;
+    }
     return String(Number(value.toPrecision(digits)));
   }
   function quantiles(values, shares) {
@@ -103,9 +111,18 @@
   }
 
   // ---- the scene ----------------------------------------------------------------------------------------------------
+  // Without a graphics card every sample of a pixel costs time: one is enough then.
+  function drawnInSoftware() {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    const info = gl && gl.getExtension("WEBGL_debug_renderer_info");
+    const name = gl ? String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER)) : "";
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return /swiftshader|llvmpipe|software|basic render/i.test(name);
+  }
+  const software = drawnInSoftware();
   let renderer;
   try {
-    renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true, alpha: true });
+    renderer = new THREE.WebGLRenderer({ antialias: !software, preserveDrawingBuffer: true, alpha: true });
   } catch {
     holder.querySelector(".nothing").hidden = false;
     return;
@@ -114,7 +131,7 @@
   canvas.tabIndex = 0;
   canvas.setAttribute("aria-label", "The model in 3D. Drag to turn, wheel or + and − to come nearer, arrow keys to turn, click a point to read its values.");
   holder.prepend(canvas);
-  renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+  renderer.setPixelRatio(software ? 1 : Math.min(window.devicePixelRatio || 1, 2));
   renderer.setClearColor(0x000000, 0);
   const world = new THREE.Scene();
   const middle = new THREE.Vector3(...[0, 1, 2].map((d) => (scene.low[d] + scene.high[d]) / 2));
@@ -124,9 +141,15 @@
   world.add(new THREE.HemisphereLight(0xffffff, 0xb8bcc4, 1.5));
   const lamp = new THREE.DirectionalLight(0xffffff, 1.7);
   world.add(lamp, lamp.target);
-  const controls = new THREE.OrbitControls(camera, canvas);
-  controls.target.copy(middle);
-  controls.enableDamping = false;
+  let controls;
+  // The controls turn about what is up when they are made.
+  function rebuild() {
+    controls?.dispose();
+    controls = new THREE.OrbitControls(camera, canvas);
+    controls.target.copy(middle);
+    controls.enableDamping = false;
+    controls.addEventListener("change", redraw);
+  }
   const knife = new THREE.Plane(new THREE.Vector3(-1, 0, 0), 0);
 
   const surfaces = scene.surfaces.map((given) => {
@@ -207,6 +230,8 @@
     renderer.render(world, camera);
     for (const { ball, label } of marks) {
       const at = ball.position.clone().project(camera);
+      const off = camera.position.clone().sub(ball.position);
+      label.classList.toggle("behind", off.dot(new THREE.Vector3(...ball.userData.mark.normal)) < 0);
       label.hidden = !ball.visible || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
       label.style.left = `${(50 * (at.x + 1)).toFixed(2)}%`;
       label.style.top = `${(50 * (1 - at.y)).toFixed(2)}%`;
@@ -218,13 +243,29 @@
       requestAnimationFrame(draw);
     }
   }
-  controls.addEventListener("change", redraw);
+  rebuild();
   const from = new THREE.Vector3(...scene.from).normalize();
+  // Some places of all that fills the view.
+  const outline = [];
+  for (const mesh of surfaces.length ? surfaces : [...clouds, ...lines]) {
+    const places = mesh.geometry.getAttribute("position");
+    for (let k = 0; k < places.count; k += Math.max(1, Math.floor(places.count / 600))) outline.push(new THREE.Vector3().fromBufferAttribute(places, k));
+  }
+  // Looks at the middle from a direction, from where all of it is just seen.
   function look(direction = from) {
-    const half = (camera.fov * Math.PI) / 360;
-    const narrow = Math.min(1, camera.aspect);
+    const forward = direction.clone().normalize().negate();
+    const right = new THREE.Vector3().crossVectors(forward, camera.up).normalize();
+    const upwards = new THREE.Vector3().crossVectors(right, forward);
+    const high = Math.tan((camera.fov * Math.PI) / 360);
+    const wide = high * camera.aspect;
+    let far = size / 20;
+    for (const place of outline) {
+      const off = place.clone().sub(middle);
+      const along = off.dot(forward);
+      far = Math.max(far, Math.abs(off.dot(right)) / wide - along, Math.abs(off.dot(upwards)) / high - along);
+    }
     controls.target.copy(middle);
-    camera.position.copy(middle).addScaledVector(direction, (0.5 * size) / (Math.sin(half) * narrow) / 1.06);
+    camera.position.copy(middle).addScaledVector(forward, -1.12 * far);
     controls.update();
     redraw();
   }
@@ -253,7 +294,8 @@
   function tell(field) {
     legend.replaceChildren();
     if (!field) return;
-    const unit = field.unit ? ` / ${field.unit}` : "";
+    const [shownUnit, factor] = field.shown || [field.unit, 1];
+    const unit = shownUnit ? ` / ${shownUnit}` : "";
     legend.append(element("div", { className: "legend-title" }, `${field.label}${unit}`));
     const { map, ticks, categories } = field.scale;
     if (categories) {
@@ -273,7 +315,7 @@
       for (const [place, value] of ticks) {
         if (place - last < 0.12 && last >= 0) continue;
         last = place;
-        const tick = element("span", {}, number(value, 3));
+        const tick = element("span", {}, number(factor * value, 3));
         tick.style.left = `${100 * place}%`;
         axis.append(tick);
       }
@@ -347,6 +389,20 @@
   axis.onchange = cut;
   depth.oninput = cut;
   panel.append(element("label", { className: "pick" }, element("span", {}, "Cut"), axis, depth));
+  // What is up.
+  const up = element("select", {});
+  for (const [value, label] of [["0,0,1", "z"], ["0,1,0", "y"], ["1,0,0", "x"], ["0,0,-1", "−z"], ["0,-1,0", "−y"], ["-1,0,0", "−x"]])
+    up.append(element("option", { value, selected: value === scene.up.join(",") }, label));
+  up.onchange = () => {
+    camera.up.set(...up.value.split(",").map(Number));
+    const turned = from.clone();
+    const d = camera.up.toArray().findIndex((c) => c !== 0);
+    if (d < 2) turned.set(...(d === 1 ? [from.x, from.z, -from.y] : [from.z, from.x, from.y]));
+    if (camera.up.getComponent(d) < 0) turned.negate();
+    rebuild();
+    look(turned);
+  };
+  panel.append(element("label", { className: "pick" }, element("span", {}, "Up"), up));
   const home = element("button", { type: "button", title: "Back to the first view (Home)" }, "Reset view");
   home.onclick = () => look();
   panel.append(home);
@@ -371,7 +427,8 @@
       const found = field.categories.find(([v]) => v === value);
       return found ? found[1] : "–";
     }
-    return `${number(value, 6)}${Number.isFinite(value) && field.unit ? ` ${field.unit}` : ""}`;
+    const [unit, factor] = field.shown || [field.unit, 1];
+    return `${number(factor * value, 6)}${Number.isFinite(value) && unit ? ` ${unit}` : ""}`;
   }
   function read(x, y) {
     const frame = canvas.getBoundingClientRect();

@@ -77,11 +77,7 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
             );
         }
         if let Some(f) = found {
-            let _ = write!(
-                svg,
-                r#"<circle cx="{:.1}" cy="{y}" r="5.5" fill="{SECOND}"/>"#,
-                x(f)
-            );
+            let _ = write!(svg, r#"<circle cx="{:.1}" cy="{y}" r="5.5" fill="{SECOND}"/>"#, x(f));
         }
         if let Some(s) = stated {
             let _ = write!(
@@ -172,6 +168,50 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     svg
 }
 
+/// Polylines in a plane, y upwards, as large as they fit; those that are hidden are dashed. Empty for no points.
+#[must_use]
+pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
+    const ROOM: [f64; 2] = [560.0, 320.0];
+    const MARGIN: f64 = 12.0;
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for p in lines.iter().flat_map(|(points, _)| points) {
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    }
+    if !(low[0] <= high[0] && low[1] <= high[1]) {
+        return String::new();
+    }
+    let size = [0, 1].map(|k| (high[k] - low[k]).max(f64::MIN_POSITIVE));
+    let scale = [0, 1]
+        .map(|k| (ROOM[k] - 2.0 * MARGIN) / size[k])
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
+    let height = (scale * (high[1] - low[1])).max(1.0) + 2.0 * MARGIN;
+    let left = 0.5 * (ROOM[0] - scale * (high[0] - low[0]));
+    let mut svg = format!(
+        r#"<svg viewBox="0 0 {} {height:.1}" role="img" fill="none" stroke="currentColor" stroke-width="1.4" stroke-linecap="round">"#,
+        ROOM[0]
+    );
+    for (points, is_hidden) in lines {
+        let places: Vec<String> = (points.iter())
+            .map(|p| {
+                let x = left + scale * (p[0] - low[0]);
+                let y = height - MARGIN - scale * (p[1] - low[1]);
+                format!("{x:.2},{y:.2}")
+            })
+            .collect();
+        let dashes = if *is_hidden {
+            r#" stroke-dasharray="5 4" opacity=".7""#
+        } else {
+            ""
+        };
+        let _ = write!(svg, r#"<polyline points="{}"{dashes}/>"#, places.join(" "));
+    }
+    svg + "</svg>"
+}
+
 /// A share of a whole, part after part, in one bar: names, shares and colours of [`SHARES`].
 #[must_use]
 pub fn shares(parts: &[(&str, f64, &str)]) -> String {
@@ -225,7 +265,15 @@ mod tests {
             .skip(1)
             .map(|part| {
                 let x1: f64 = part.split('"').next().unwrap().parse().unwrap();
-                let x2: f64 = part.split("x2=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
+                let x2: f64 = part
+                    .split("x2=\"")
+                    .nth(1)
+                    .unwrap()
+                    .split('"')
+                    .next()
+                    .unwrap()
+                    .parse()
+                    .unwrap();
                 (x2 - x1).abs()
             })
             .collect();

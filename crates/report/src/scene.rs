@@ -38,6 +38,8 @@ pub struct Field {
     pub label: String,
     /// Its unit; empty for none.
     pub unit: String,
+    /// The unit that people read and how many of it are one of [`Self::unit`], where that is another: millimetres of a thing in metres.
+    pub shown: Option<(String, f64)>,
     /// How it becomes colours.
     pub kind: FieldKind,
     /// The values.
@@ -113,6 +115,8 @@ pub struct Mark {
     pub label: String,
     /// What is to be said of it.
     pub text: String,
+    /// The direction from which it is seen.
+    pub normal: [f64; 3],
 }
 
 /// What is shown in 3D.
@@ -211,7 +215,7 @@ impl Scene {
             })
             .collect();
         let marks: Vec<Value> = (self.marks.iter())
-            .map(|mark| json!({"at": about(&mark.at), "label": mark.label, "text": mark.text}))
+            .map(|mark| json!({"at": about(&mark.at), "label": mark.label, "text": mark.text, "normal": mark.normal}))
             .collect();
         let (from, up) = self.view();
         Some(json!({
@@ -307,6 +311,9 @@ impl Field {
     fn packed(&self) -> Value {
         let mut made = json!({"key": self.key, "label": self.label, "unit": self.unit});
         let categories = |list: &[(u16, String)]| json!(list);
+        if let Some(shown) = &self.shown {
+            made["shown"] = json!(shown);
+        }
         made["kind"] = match &self.kind {
             FieldKind::Sequential => "sequential",
             FieldKind::Signed(_) => "signed",

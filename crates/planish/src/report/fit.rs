@@ -1,6 +1,6 @@
 //! The report of a fit.
 
-use super::model::{model_scene, next_marks};
+use super::model::{SmallUnit, model_scene, next_marks};
 use super::title_of;
 use crate::fit::{Fit, FitReport, FitTermination, ScanFigures};
 use crate::model::SensorReport;
@@ -32,8 +32,9 @@ pub(crate) fn fit_page(
     mesh_tolerance: Option<f64>,
     verb: &str,
 ) -> Result<Page> {
-    let unit = fit.model.unit.name();
-    let length = |value: f64| format!("{} {unit}", significant(value, 3));
+    let model_unit = fit.model.unit.name();
+    let unit = SmallUnit::of(model_unit, report.rms.max(report.sigma.median));
+    let length = |value: f64| unit.text(value);
     let (mut scene, tolerance) = model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
     let next = what_next(fit)?;
     if let Some(next) = &next {
@@ -43,7 +44,7 @@ pub(crate) fn fit_page(
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let mut sections = vec![went_in(report, scans, unit), how_good(fit, report, unit)];
     sections.extend(concluded(report));
-    sections.push(to_do(report, next.as_ref(), unit));
+    sections.push(to_do(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
         "What is shown",
         vec![Block::Text(format!(
@@ -64,9 +65,21 @@ pub(crate) fn fit_page(
         ),
         findings: findings(report, scans, unit),
         figures: vec![
-            Figure::new("σ of the surface, median", length(report.sigma.median), format!("95 % below {}", length(report.sigma.p95))),
-            Figure::new("residuals, rms", length(report.rms), format!("{} of their σ", significant(report.rms_normalised, 3))),
-            Figure::new("reduced χ²", significant(report.reduced_chi_square, 3), "1 where all σ are true"),
+            Figure::new(
+                "σ of the surface, median",
+                length(report.sigma.median),
+                format!("95 % below {}", length(report.sigma.p95)),
+            ),
+            Figure::new(
+                "residuals, rms",
+                length(report.rms),
+                format!("{} of their σ", significant(report.rms_normalised, 3)),
+            ),
+            Figure::new(
+                "reduced χ²",
+                significant(report.reduced_chi_square, 3),
+                "1 where all σ are true",
+            ),
             Figure::new(
                 "held-out readings",
                 match report.held_out.n {
@@ -75,7 +88,7 @@ pub(crate) fn fit_page(
                 },
                 match report.held_out.n {
                     0 => String::new(),
-                    n => format!("rms over predicted σ; {}", count(n)),
+                    n => format!("rms over predicted σ, of {}", count(n).replace(' ', "\u{202f}")),
                 },
             ),
             Figure::new("measured", percent(report.observed_area_fraction), "of the area"),
@@ -92,7 +105,7 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
 }
 
 /// Whether a scan does not fit the others, and how that shows.
-fn misfit(scan: &ScanFigures, share_of_all: f64, unit: &str) -> Option<String> {
+fn misfit(scan: &ScanFigures, share_of_all: f64, unit: SmallUnit<'_>) -> Option<String> {
     let total = scan.used + scan.set_aside;
     if total < LEAST_JUDGED {
         return None;
@@ -108,9 +121,9 @@ fn misfit(scan: &ScanFigures, share_of_all: f64, unit: &str) -> Option<String> {
         ))
     } else if scan.mean.abs() > MOST_APART * sigma {
         Some(format!(
-            "Scan {} lies {} {unit} off the others on average ({} σ of a reading): its pose may be off; --align estimates it.",
+            "Scan {} lies {} off the others on average ({} σ of a reading): its pose may be off; --align estimates it.",
             scan.name,
-            significant(scan.mean, 2),
+            unit.text(scan.mean),
             significant(scan.mean.abs() / sigma, 2)
         ))
     } else if scan.rms_normalised > MOST_NORMALISED {
@@ -130,14 +143,14 @@ fn share_set_aside(scans: &[ScanFigures]) -> f64 {
     aside as f64 / all.max(1) as f64
 }
 
-fn findings(report: &FitReport, scans: &[ScanFigures], unit: &str) -> Vec<Finding> {
+fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     for sensor in &report.sensors {
         if let Some(stated) = false_sigma(sensor) {
-            let unit = match sensor.quantity.as_str() {
-                "normal" => "°".to_owned(),
-                "curvature" => format!("1/{unit}"),
-                _ => unit.to_owned(),
+            let text = |value: f64| match sensor.quantity.as_str() {
+                "normal" => format!("{}°", significant(value, 3)),
+                "curvature" => significant(value, 3),
+                _ => unit.text(value),
             };
             let factor = sensor.sigma_estimated / stated;
             let times = if factor > 1.0 {
@@ -148,10 +161,10 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: &str) -> Vec<Findin
             found.push(Finding::new(
                 Level::Look,
                 format!(
-                    "The σ of sensor “{}” is false: it states {} {unit}, its residuals say {} {unit}, {times}. The estimate was used.",
+                    "The σ of sensor “{}” is false: it states {}, its residuals say {}, {times}. The estimate was used.",
                     sensor.name,
-                    significant(stated, 3),
-                    significant(sensor.sigma_estimated, 3),
+                    text(stated),
+                    text(sensor.sigma_estimated),
                 ),
             ));
         }
@@ -196,7 +209,10 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: &str) -> Vec<Findin
         found.push(Finding::new(Level::Look, sentence(warning)));
     }
     if report.termination == FitTermination::Converged {
-        found.push(Finding::new(Level::Good, "The fit converged: only noise is left in the residuals."));
+        found.push(Finding::new(
+            Level::Good,
+            "The fit converged: only noise is left in the residuals.",
+        ));
     }
     found
 }
@@ -215,12 +231,12 @@ pub(super) fn sentence(warning: &str) -> String {
     format!("{first}{}{end}", letters.as_str())
 }
 
-fn went_in(report: &FitReport, scans: &[ScanFigures], unit: &str) -> Section {
+fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_set_aside(scans);
     if !scans.is_empty() {
-        let off = format!("mean / {unit}");
-        let rms = format!("rms / {unit}");
+        let off = format!("mean / {}", unit.name);
+        let rms = format!("rms / {}", unit.name);
         let mut table = Table::new(["scan", "sensor", "used", "set aside", &rms, &off, "rms / σ"]);
         for scan in scans {
             table.row(
@@ -229,8 +245,8 @@ fn went_in(report: &FitReport, scans: &[ScanFigures], unit: &str) -> Section {
                     scan.sensor.clone(),
                     count(scan.used),
                     count(scan.set_aside),
-                    significant(scan.rms, 3),
-                    significant(scan.mean, 2),
+                    unit.number(scan.rms, 3),
+                    unit.number(scan.mean, 2),
                     significant(scan.rms_normalised, 3),
                 ],
                 misfit(scan, share, unit).is_some(),
@@ -266,33 +282,45 @@ fn why(cause: &str) -> String {
     }
 }
 
-fn how_good(fit: &Fit, report: &FitReport, unit: &str) -> Section {
+fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let positions: Vec<&SensorReport> = report.sensors.iter().filter(|s| s.quantity == "position").collect();
     if positions.iter().any(|s| s.sigma_stated.is_some()) {
         let rows: Vec<(String, Option<f64>, f64)> = (positions.iter())
-            .map(|s| (s.name.clone(), s.sigma_stated, s.sigma_estimated))
+            .map(|s| {
+                (
+                    s.name.clone(),
+                    s.sigma_stated.map(|s| unit.factor * s),
+                    unit.factor * s.sigma_estimated,
+                )
+            })
             .collect();
         blocks.push(Block::Drawing {
-            svg: plot::stated_and_found(&rows, unit),
+            svg: plot::stated_and_found(&rows, unit.name),
             caption: "Each sensor's σ along the normal, as stated and as its residuals say. A long line is a σ that is false.".to_owned(),
         });
     }
     let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);
     for sensor in &report.sensors {
-        let name = match sensor.quantity.as_str() {
-            "normal" => format!("{} (normals, °)", sensor.name),
-            "curvature" => format!("{} (curvatures, 1/{unit})", sensor.name),
-            _ => format!("{} / {unit}", sensor.name),
+        let (name, factor) = match sensor.quantity.as_str() {
+            "normal" => (format!("{} (normals, °)", sensor.name), 1.0),
+            "curvature" => (format!("{} (curvatures)", sensor.name), 1.0),
+            _ => (format!("{} / {}", sensor.name, unit.name), unit.factor),
         };
+        let cell = |value: f64| significant(factor * value, 3);
         table.row(
             [
                 name,
                 count(sensor.observations),
-                sensor.sigma_stated.map_or("–".to_owned(), |s| significant(s, 3)),
-                significant(sensor.sigma_estimated, 3),
-                significant(sensor.rms, 3),
-                if sensor.sigma_used_is_estimated { "found" } else { "stated" }.to_owned(),
+                sensor.sigma_stated.map_or("–".to_owned(), cell),
+                cell(sensor.sigma_estimated),
+                cell(sensor.rms),
+                if sensor.sigma_used_is_estimated {
+                    "found"
+                } else {
+                    "stated"
+                }
+                .to_owned(),
             ],
             false_sigma(sensor).is_some(),
         );
@@ -306,13 +334,17 @@ fn how_good(fit: &Fit, report: &FitReport, unit: &str) -> Section {
     }
     let moved: Vec<_> = report.poses.iter().filter(|p| p.moved.is_some()).collect();
     if !moved.is_empty() {
-        let by = format!("moved / {unit}");
-        let sigma = format!("σ / {unit}");
+        let by = format!("moved / {}", unit.name);
+        let sigma = format!("σ / {}", unit.name);
         let mut table = Table::new(["pose", &by, "turned / °", &sigma, "σ / °"]);
-        let cell = |v: Option<f64>| v.map_or("–".to_owned(), |v| significant(v, 3));
         for pose in moved {
-            let cells = [pose.moved, pose.turned_deg, pose.sigma_translation, pose.sigma_rotation_deg].map(cell);
-            let [a, b, c, d] = cells;
+            let cell = |v: Option<f64>, factor: f64| v.map_or("–".to_owned(), |v| significant(factor * v, 3));
+            let [a, b, c, d] = [
+                cell(pose.moved, unit.factor),
+                cell(pose.turned_deg, 1.0),
+                cell(pose.sigma_translation, unit.factor),
+                cell(pose.sigma_rotation_deg, 1.0),
+            ];
             table.row([pose.scan.clone(), a, b, c, d], false);
         }
         blocks.push(Block::Table(table));
@@ -330,9 +362,9 @@ fn how_good(fit: &Fit, report: &FitReport, unit: &str) -> Section {
     });
     if let Some(left) = &report.shape_left {
         blocks.push(Block::Text(format!(
-            "On {} of the area cells are too large to follow the shape: {} {unit} rms, which σ takes in.",
+            "On {} of the area cells are too large to follow the shape: {} rms, which σ takes in.",
             percent(left.area_fraction),
-            significant(left.rms, 3)
+            unit.text(left.rms)
         )));
     }
     Section::new("How good it is", blocks)
@@ -378,16 +410,17 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
 }
 
 /// A table of points to measure.
-pub(super) fn next_table(next: &NextReport, unit: &str) -> Table {
-    let place = format!("x, y, z / {unit}");
-    let mut table = Table::new(["", &place, "σ now", "σ then"]);
+pub(super) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_>) -> Table {
+    let place = format!("x, y, z / {model_unit}");
+    let [now, then] = ["now", "then"].map(|when| format!("σ {when} / {}", unit.name));
+    let mut table = Table::new(["", &place, &now, &then]);
     for (k, point) in next.points.iter().enumerate() {
         table.row(
             [
                 (k + 1).to_string(),
                 point.position.map(|c| significant(c, 5)).join(", "),
-                significant(point.sigma_before, 3),
-                significant(point.sigma_after, 3),
+                unit.number(point.sigma_before, 3),
+                unit.number(point.sigma_after, 3),
             ],
             false,
         );
@@ -395,7 +428,7 @@ pub(super) fn next_table(next: &NextReport, unit: &str) -> Table {
     table
 }
 
-fn to_do(report: &FitReport, next: Option<&NextReport>, unit: &str) -> Section {
+fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     if report.sensors.iter().any(|sensor| false_sigma(sensor).is_some()) {
         blocks.push(Block::Text(
@@ -405,17 +438,18 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, unit: &str) -> Section {
     match next {
         Some(next) if !next.points.is_empty() => {
             blocks.push(Block::Text(format!(
-                "Measure here next: {} with σ {} {unit} bring the largest σ of the surface from {} to {} {unit}. \
+                "Measure here next: {} with σ {} bring the largest σ of the surface from {} to {}. \
                  They are marked in the view; `planish next` plans more.",
                 counted(next.points.len(), "reading"),
-                significant(next.sigma, 3),
-                significant(next.worst_sigma.before, 3),
-                significant(next.worst_sigma.after, 3),
+                unit.text(next.sigma),
+                unit.text(next.worst_sigma.before),
+                unit.text(next.worst_sigma.after),
             )));
-            blocks.push(Block::Table(next_table(next, unit)));
+            blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model does not say where to measure next: `planish next` takes one of `fit --filter global`.".to_owned(),
+            "This model does not say where to measure next: `planish next` takes one of `fit --filter global`."
+                .to_owned(),
         )),
     }
     Section::new("What to do next", blocks)

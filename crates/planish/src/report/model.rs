@@ -15,12 +15,58 @@ const MOST_TRIANGLES: u64 = 90_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
 
+/// A unit in which small lengths read well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SmallUnit<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// How many of it are one of the model's.
+    pub factor: f64,
+}
+
+impl<'a> SmallUnit<'a> {
+    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is less than a centimetre, where the model is in metres.
+    pub(super) fn of(unit: &'a str, typical: f64) -> Self {
+        if unit == "m" && typical.abs() < 0.01 {
+            Self {
+                name: "mm",
+                factor: 1000.0,
+            }
+        } else {
+            Self {
+                name: unit,
+                factor: 1.0,
+            }
+        }
+    }
+
+    /// A length without its unit.
+    pub(super) fn number(self, length: f64, digits: usize) -> String {
+        significant(self.factor * length, digits)
+    }
+
+    /// A length with its unit.
+    pub(super) fn text(self, length: f64) -> String {
+        format!("{} {}", self.number(length, 3), self.name)
+    }
+}
+
+/// The unit in which most of some lengths read well, where it is not their own.
+fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
+    let most = lengths
+        .iter()
+        .filter(|l| l.is_finite())
+        .fold(0.0, |a: f64, b| a.max(b.abs()));
+    Some(SmallUnit::of(unit, most)).filter(|small| small.factor != 1.0)
+}
+
 /// A field of numbers.
 pub(super) fn numbers(key: &str, label: &str, unit: &str, kind: FieldKind, values: Vec<f64>) -> Field {
     Field {
         key: key.to_owned(),
         label: label.to_owned(),
         unit: unit.to_owned(),
+        shown: small_unit(unit, &values).map(|small| (small.name.to_owned(), small.factor)),
         kind,
         values: Values::Numbers(values),
     }
@@ -32,6 +78,7 @@ pub(super) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -
         key: key.to_owned(),
         label: label.to_owned(),
         unit: String::new(),
+        shown: None,
         kind,
         values: Values::Kinds(values),
     }
@@ -89,13 +136,7 @@ fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&Sho
     let unit = model.unit.name();
     let surface = &model.surface;
     let mut fields = vec![
-        numbers(
-            "sigma",
-            "σ along the normal",
-            unit,
-            FieldKind::Sequential,
-            mesh.sigma,
-        ),
+        numbers("sigma", "σ along the normal", unit, FieldKind::Sequential, mesh.sigma),
         observed_field(&mesh.observed),
     ];
     let level = |leaf: u32| u16::from(surface.space().leaves()[leaf as usize].level);
@@ -192,7 +233,16 @@ fn sensor_field(leaf: &[u32], readings: &ShownReadings) -> Option<Field> {
         })
         .collect();
     let mut categories: Vec<(u16, String)> = (sets.into_iter())
-        .map(|(set, k)| (k, if set.is_empty() { "none".to_owned() } else { set.join(" + ") }))
+        .map(|(set, k)| {
+            (
+                k,
+                if set.is_empty() {
+                    "none".to_owned()
+                } else {
+                    set.join(" + ")
+                },
+            )
+        })
         .collect();
     categories.sort_unstable();
     Some(kinds(
@@ -265,15 +315,16 @@ fn cell_lines(surface: &Surface) -> LineSet {
 }
 
 /// Places to measure, numbered in their order.
-pub(super) fn next_marks(points: &[NextPoint], unit: &str) -> Vec<Mark> {
+pub(super) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark> {
     (points.iter().enumerate())
         .map(|(k, point)| Mark {
             at: point.position,
             label: (k + 1).to_string(),
+            normal: point.normal,
             text: format!(
-                "σ here {} {unit}, then {} {unit}",
-                significant(point.sigma_before, 3),
-                significant(point.sigma_after, 3)
+                "σ here {}, then {}",
+                unit.text(point.sigma_before),
+                unit.text(point.sigma_after)
             ),
         })
         .collect()
