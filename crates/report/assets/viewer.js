@@ -317,6 +317,7 @@
         last = place;
         const tick = element("span", {}, number(factor * value, 3));
         tick.style.left = `${100 * place}%`;
+        tick.style.transform = `translateX(${place < 0.08 ? 0 : place > 0.92 ? -100 : -50}%)`;
         axis.append(tick);
       }
       legend.append(bar, axis);

@@ -168,6 +168,19 @@ pub struct Page {
     pub sections: Vec<Section>,
 }
 
+/// A text in whose numbers no line breaks: the spaces between thousands become narrow ones that hold.
+pub(crate) fn glued(text: &str) -> String {
+    let letters: Vec<char> = text.chars().collect();
+    let is_digit = |k: usize| letters.get(k).is_some_and(char::is_ascii_digit);
+    (letters.iter().enumerate())
+        .map(|(k, &c)| {
+            let thousands =
+                c == ' ' && k > 0 && is_digit(k - 1) && (1..=3).all(|d| is_digit(k + d)) && !is_digit(k + 4);
+            if thousands { '\u{202f}' } else { c }
+        })
+        .collect()
+}
+
 #[derive(Template)]
 #[template(path = "page.html")]
 struct Html<'a> {

@@ -7,8 +7,6 @@ use planish_report::numbers::{count, counted, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
 use std::path::{Path, PathBuf};
 
-/// A BIC that is larger by less than this decides little (Kass and Raftery, 1995: "positive" begins at 2, "strong" at 6).
-const LEAST_MARGIN: f64 = 6.0;
 /// A χ² beyond this over its degrees of freedom is no noise of the stated σ.
 const MOST_CHI_SQUARE: f64 = 2.0;
 
@@ -69,7 +67,7 @@ fn kinds_of(report: &ContourReport) -> String {
 fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
     let mut figures: Vec<Figure> = (main.parameters.iter().take(4))
-        .map(|(name, value)| Figure::new(name.clone(), with_sigma(value.value, value.sigma), unit_of(name, unit)))
+        .map(|(name, value)| Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit)))
         .collect();
     figures.push(Figure::new(
         "reduced χ²",
@@ -84,6 +82,11 @@ fn unit_of<'a>(name: &str, unit: &'a str) -> &'a str {
         .iter()
         .any(|word| name.contains(word));
     if is_angle { "°" } else { unit }
+}
+
+/// A parameter's name in words.
+fn words(name: &str) -> String {
+    name.trim_end_matches("_deg").replace('_', " ")
 }
 
 /// A value with its σ, with as many digits as σ leaves.
@@ -140,12 +143,6 @@ fn findings(report: &ContourReport) -> Vec<Finding> {
                     "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, or it is of another kind.",
                     significant(part.reduced_chi_square.sqrt(), 2)
                 ),
-            ));
-        }
-        if part.bic_margin.is_some_and(|margin| margin < LEAST_MARGIN) {
-            found.push(Finding::new(
-                Level::Look,
-                format!("{name}: another kind explains the readings nearly as well."),
             ));
         }
     }

@@ -119,15 +119,15 @@ fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 
 
 fn faces(counts: &FaceCounts) -> String {
     let all = [
-        (counts.plane, "plane"),
-        (counts.cylinder, "cylinder"),
-        (counts.cone, "cone"),
-        (counts.sphere, "sphere"),
-        (counts.torus, "torus"),
-        (counts.freeform, "free-form"),
+        (counts.plane, "plane", "planes"),
+        (counts.cylinder, "cylinder", "cylinders"),
+        (counts.cone, "cone", "cones"),
+        (counts.sphere, "sphere", "spheres"),
+        (counts.torus, "torus", "tori"),
+        (counts.freeform, "free form", "free forms"),
     ];
-    let some: Vec<String> = (all.iter().filter(|(n, _)| *n > 0))
-        .map(|(n, name)| format!("{n} {name}"))
+    let some: Vec<String> = (all.iter().filter(|(n, ..)| *n > 0))
+        .map(|(n, one, many)| format!("{n} {}", if *n == 1 { one } else { many }))
         .collect();
     some.join(", ")
 }
