@@ -103,7 +103,12 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     let scans = sets["names"].as_array().unwrap().len();
     assert_eq!(scans, 5);
     for set in sets["sets"].as_array().unwrap() {
-        assert!(set.as_array().unwrap().iter().all(|s| (s.as_u64().unwrap() as usize) < scans));
+        assert!(
+            set.as_array()
+                .unwrap()
+                .iter()
+                .all(|s| (s.as_u64().unwrap() as usize) < scans)
+        );
     }
     // The same files and the same command give the same bytes.
     fit_files(&job, &Silent).unwrap();
@@ -158,7 +163,12 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let (text, scene) = read(&page);
     needs_no_network(&text);
     let deviations = floats(&field(&scene["surfaces"][0], "deviation")["values"]);
-    let known: Vec<f64> = deviations.iter().copied().filter(|d| d.is_finite()).map(f64::from).collect();
+    let known: Vec<f64> = deviations
+        .iter()
+        .copied()
+        .filter(|d| d.is_finite())
+        .map(f64::from)
+        .collect();
     let forward = report.forward.unwrap();
     assert_eq!(known.len(), forward.n);
     let rms = (known.iter().map(|d| d * d).sum::<f64>() / known.len() as f64).sqrt();

@@ -222,3 +222,91 @@ impl Page {
         .render()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Cloud, LineSet, Mark, SurfaceShown};
+
+    fn page() -> Page {
+        Page {
+            job: "fit".to_owned(),
+            title: "<b>&\"'".to_owned(),
+            findings: vec![
+                Finding::new(Level::Good, "good <i>"),
+                Finding::new(Level::Bad, "bad"),
+                Finding::new(Level::Look, "look"),
+            ],
+            ..Page::default()
+        }
+    }
+
+    #[test]
+    fn names_stay_text_wherever_they_stand() {
+        let mut page = page();
+        page.scene = Some(Scene {
+            surfaces: vec![SurfaceShown {
+                name: "</script><script>alert(1)".to_owned(),
+                positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+                triangles: vec![[0, 1, 2]],
+                ..SurfaceShown::default()
+            }],
+            ..Scene::default()
+        });
+        let html = page.html().unwrap();
+        assert!(!html.contains("<b>&") && !html.contains("good <i>") && !html.contains("<script>alert"));
+        assert_eq!(html.matches("<script").count(), html.matches("</script>").count());
+    }
+
+    #[test]
+    fn the_gravest_finding_stands_first() {
+        let html = page().html().unwrap();
+        let at = |text: &str| html.find(&format!("<span>{text}")).unwrap();
+        assert!(at("bad") < at("look") && at("look") < at("good"));
+        assert_eq!(page().level(), Level::Bad);
+        assert!(html.contains("class=\"verdict bad\""));
+        // Nothing to draw: no viewer.
+        assert!(!html.contains("<script"));
+    }
+
+    #[test]
+    fn thousands_hold_together_and_lists_do_not() {
+        assert_eq!(
+            glued("10 607 readings, 1 of 234 567"),
+            "10\u{202f}607 readings, 1 of 234\u{202f}567"
+        );
+        assert_eq!(glued("1, 234 and 12 3456"), "1, 234 and 12 3456");
+    }
+
+    #[test]
+    fn what_lies_far_out_is_packed_and_not_looked_at() {
+        let scene = Scene {
+            surfaces: vec![SurfaceShown {
+                positions: vec![[1e6, 0.0, 0.0], [1e6 + 2.0, 0.0, 0.0], [1e6, 4.0, 0.0]],
+                triangles: vec![[0, 1, 2]],
+                ..SurfaceShown::default()
+            }],
+            clouds: vec![Cloud {
+                positions: vec![[1e6 - 99.0, 0.0, 0.0]],
+                ..Cloud::default()
+            }],
+            lines: vec![LineSet {
+                segments: vec![[[1e6, 0.0, 0.0], [1e6, 4.0, 0.0]]],
+                ..LineSet::default()
+            }],
+            marks: vec![Mark {
+                at: [1e6 + 1.0, 2.0, 0.0],
+                label: "1".to_owned(),
+                text: String::new(),
+                normal: [0.0, 0.0, 1.0],
+            }],
+            ..Scene::default()
+        };
+        let packed = scene.packed().unwrap();
+        assert_eq!(packed["centre"], serde_json::json!([1e6 + 1.0, 2.0, 0.0]));
+        assert_eq!(packed["low"], serde_json::json!([-1.0, -2.0, 0.0]));
+        assert_eq!(packed["steps"][0], serde_json::json!([-100.0, -2.0, 0.0]));
+        assert_eq!(packed["marks"][0]["at"], serde_json::json!([0.0, 0.0, 0.0]));
+        assert!(Scene::default().packed().is_none());
+    }
+}

@@ -291,6 +291,21 @@ mod tests {
     }
 
     #[test]
+    fn views_keep_their_proportions() {
+        let svg = lines(&[
+            (vec![[0.0, 0.0], [10.0, 0.0]], false),
+            (vec![[10.0, 0.0], [10.0, 5.0]], true),
+        ]);
+        // 536 of 560 pixels for ten, 268 for five; y points down on a screen.
+        assert!(
+            svg.contains("12.00,280.00 548.00,280.00") && svg.contains("548.00,280.00 548.00,12.00"),
+            "{svg}"
+        );
+        assert_eq!(svg.matches("stroke-dasharray").count(), 1);
+        assert_eq!(lines(&[]), "");
+    }
+
+    #[test]
     fn shares_fill_the_bar() {
         let svg = shares(&[("a", 3.0, "#000"), ("b", 1.0, "#111"), ("c", 0.0, "#222")]);
         assert!(svg.contains("width=\"420.0\"") && svg.contains("width=\"140.0\"") && !svg.contains("#222"));

@@ -297,7 +297,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             .collect();
         blocks.push(Block::Drawing {
             svg: plot::stated_and_found(&rows, unit.name),
-            caption: "Each sensor's σ along the normal, as stated and as its residuals say. A long line is a σ that is false.".to_owned(),
+            caption: "Each sensor's σ along the normal, as stated and as its residuals say. A line to the right is a σ that is too small.".to_owned(),
         });
     }
     let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);
@@ -439,7 +439,7 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
         Some(next) if !next.points.is_empty() => {
             blocks.push(Block::Text(format!(
                 "Measure here next: {} with σ {} bring the largest σ of the surface from {} to {}. \
-                 They are marked in the view; `planish next` plans more.",
+                 They are marked in the view; the command planish next plans more.",
                 counted(next.points.len(), "reading"),
                 unit.text(next.sigma),
                 unit.text(next.worst_sigma.before),
@@ -448,8 +448,7 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
             blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model does not say where to measure next: `planish next` takes one of `fit --filter global`."
-                .to_owned(),
+            "This model does not say where to measure next: that takes one of fit --filter global.".to_owned(),
         )),
     }
     Section::new("What to do next", blocks)
