@@ -2,11 +2,12 @@
 
 use super::fit::sentence;
 use super::model::{SmallUnit, numbers, observed_field};
-use super::{ReportOutput, title_of};
+use super::{ReportOutput, file_name, title_of};
 use crate::merge::{MergeReport, Merged};
 use planish_estimate::Result;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};
+use std::path::Path;
 
 /// Writes a page that shows a merged mesh.
 ///
@@ -19,13 +20,18 @@ pub fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> 
     output.write(merge_page(merged), &inputs)
 }
 
+/// A patch by the name of its file.
+fn short(name: &str) -> String {
+    file_name(Path::new(name))
+}
+
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
     let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
     let rms = format!("rms / {}", unit.name);
     let mut regions = Table::new(["patches", "points", &rms]);
     for region in &report.regions {
-        let [a, b] = region.patches.map(|k| report.patches[k].name.clone());
+        let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
         regions.row(
             [format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)],
             false,
@@ -36,7 +42,7 @@ fn merge_page(merged: &Merged) -> Page {
     for patch in &report.patches {
         patches.row(
             [
-                patch.name.clone(),
+                short(&patch.name),
                 count(patch.triangles),
                 count(patch.vertices_kept),
                 unit.number(patch.sigma, 3),
@@ -130,17 +136,23 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
             ),
         ));
     }
-    if report.watertight {
-        found.push(Finding::new(Level::Good, "The mesh is watertight."));
-    } else {
+    if report.parts > 1 {
         found.push(Finding::new(
-            Level::Good,
+            Level::Look,
             format!(
-                "The patches are one mesh, open along {}.",
-                counted(report.boundary_edges, "edge")
+                "The result is in {}: see where patches overlap.",
+                counted(report.parts, "separate part")
             ),
         ));
     }
+    found.push(Finding::new(
+        Level::Good,
+        if report.watertight {
+            "The mesh is watertight.".to_owned()
+        } else {
+            format!("The mesh is open along {}.", counted(report.boundary_edges, "edge"))
+        },
+    ));
     if report.sigma_estimated {
         found.push(Finding::new(
             Level::Look,
