@@ -216,7 +216,7 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
 #[must_use]
 pub fn shares(parts: &[(&str, f64, &str)]) -> String {
     let whole: f64 = parts.iter().map(|p| p.1).sum();
-    if !(whole > 0.0) {
+    if whole <= 0.0 || !whole.is_finite() {
         return String::new();
     }
     let mut svg = format!(r#"<svg viewBox="0 0 {WIDTH} 46" role="img" font-size="12.5">"#);

@@ -114,7 +114,7 @@ fn misfit(scan: &ScanFigures, share_of_all: f64, unit: SmallUnit<'_>) -> Option<
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     if share > MOST_SET_ASIDE && share > 3.0 * share_of_all {
         Some(format!(
-            "Scan {} does not fit: {} of its readings were set aside, {} of all. Its pose or its unit may be wrong, or the thing moved.",
+            "Scan {} does not fit the others: {} of its readings were set aside, {} of all. Its pose or σ may be wrong, or those of the scans around it; or the thing moved.",
             scan.name,
             percent(share),
             percent(share_of_all)
