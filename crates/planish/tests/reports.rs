@@ -25,18 +25,20 @@ fn output(path: PathBuf) -> ReportOutput {
 
 /// The page, and the scene in it.
 fn read(path: &Path) -> (String, Value) {
-    let page = std::fs::read_to_string(path).unwrap();
+    let page = std::fs::read_to_string(path).expect("a report");
     let scene = page
         .split("<script type=\"application/json\" id=\"scene\">")
         .nth(1)
-        .unwrap();
-    let scene = serde_json::from_str(scene.split("</script>").next().unwrap()).unwrap();
+        .expect("a report");
+    let scene = serde_json::from_str(scene.split("</script>").next().expect("a report")).expect("a report");
     (page, scene)
 }
 
 fn floats(packed: &Value) -> Vec<f32> {
     assert_eq!(packed["type"], "f32");
-    let bytes = STANDARD.decode(packed["data"].as_str().unwrap()).unwrap();
+    let bytes = STANDARD
+        .decode(packed["data"].as_str().expect("a report"))
+        .expect("a report");
     bytes
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
@@ -44,8 +46,8 @@ fn floats(packed: &Value) -> Vec<f32> {
 }
 
 fn field<'a>(surface: &'a Value, key: &str) -> &'a Value {
-    let fields = surface["fields"].as_array().unwrap();
-    fields.iter().find(|f| f["key"] == key).unwrap()
+    let fields = surface["fields"].as_array().expect("a report");
+    fields.iter().find(|f| f["key"] == key).expect("a report")
 }
 
 /// A page that loads nothing: no script, style, picture or frame from elsewhere, and a policy that forbids it.
