@@ -10,6 +10,7 @@ use planish::compare::ComparedPart;
 use planish::fit::{Filter, RefineBy, ThingMotion};
 use planish::next::Length;
 use planish::propagate::SymmetryChoice;
+use planish::report::ReportOutput;
 use planish::solid::ViewKind;
 use planish::{Shape, SymmetryKind, Unit};
 use std::path::PathBuf;
@@ -87,6 +88,49 @@ pub struct CommonArgs {
     /// Unit of lengths where no file names it [default: mm]
     #[arg(long, value_name = "UNIT", value_enum)]
     pub unit: Option<UnitName>,
+}
+
+/// The page that shows what a command found.
+#[derive(Debug, Clone, Args)]
+pub struct ReportArgs {
+    /// Write a report: one page of HTML with the result in 3D, how good it is and what to do next
+    #[arg(long, value_name = "FILE.html", help_heading = "Common options", value_hint = ValueHint::FilePath)]
+    pub report: Option<PathBuf>,
+}
+
+impl ReportArgs {
+    /// Where the report goes, with the command line that this process was started with.
+    pub fn output(&self, common: &CommonArgs) -> Option<ReportOutput> {
+        self.report.as_ref().map(|path| ReportOutput {
+            path: path.clone(),
+            command: command_line(),
+            seed: common.seed,
+        })
+    }
+
+    /// What the summary says of it.
+    pub fn written(&self) -> Option<String> {
+        (self.report.as_ref()).map(|path| format!("Wrote {}: the report, for any browser", path.display()))
+    }
+}
+
+/// The command line as a shell takes it.
+fn command_line() -> String {
+    let quoted = |word: String| {
+        let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let words = std::env::args_os()
+        .skip(1)
+        .map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("planish".to_owned())
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// A unit of length on the command line.
@@ -363,6 +407,9 @@ pub struct FitArgs {
           help_heading = "Readings")]
     pub held_out: f64,
 
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -394,6 +441,9 @@ pub struct CompareArgs {
     /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -456,6 +506,9 @@ pub struct SolidArgs {
     /// How the views of one file are placed: first angle (Europe, the view from above stands below) or third angle (America)
     #[arg(long, value_enum, default_value_t = ProjectionName::First)]
     pub projection: ProjectionName,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -543,6 +596,9 @@ pub struct NextArgs {
     /// Make the mean variance small instead of the largest σ
     #[arg(long)]
     pub mean: bool,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

@@ -3,7 +3,7 @@
 use crate::args::{CompareArgs, PartName};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
-use planish::compare::{CompareOptions, ComparisonReport, Deviations, compare_files};
+use planish::compare::{CompareOptions, ComparisonReport, Deviations, compare_files_reported};
 use planish::progress::Progress;
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -27,12 +27,18 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
     };
-    let report = compare_files(&args.model, &args.reference, &options, progress)?;
+    let report = compare_files_reported(
+        &args.model,
+        &args.reference,
+        &options,
+        args.page.output(&args.common).as_ref(),
+        progress,
+    )?;
     Ok(Summary {
         text: text(args, &report),
         unit: Some(report.unit),
         inputs: vec![args.model.clone(), args.reference.clone()],
-        outputs: Vec::new(),
+        outputs: args.page.report.iter().cloned().collect(),
         warnings: report.warnings.clone(),
         body: Body {
             report,
@@ -111,6 +117,9 @@ fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
     ];
     for (n, cause) in causes.into_iter().filter(|(n, _)| *n > 0) {
         lines.line(format!("Left out: {} {cause}.", count(n)));
+    }
+    if let Some(written) = args.page.written() {
+        lines.line(written);
     }
     lines.into_text()
 }

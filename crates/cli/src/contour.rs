@@ -6,7 +6,7 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
     CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport, Relation,
-    SigmaDefaults, contour_files,
+    SigmaDefaults, contour_files_reported,
 };
 use planish::progress::Progress;
 use planish::simulate::{ReadingsOptions, ReadingsSummary, ViewsOptions, write_readings_scene, write_views_scene};
@@ -90,8 +90,14 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         outputs: args.output.clone(),
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
     };
-    let report = contour_files(&job, progress)?;
-    let outputs: Vec<_> = args.output.iter().chain(&args.graphs).cloned().collect();
+    let report = contour_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
+    let outputs: Vec<_> = args
+        .output
+        .iter()
+        .chain(&args.graphs)
+        .chain(&args.page.report)
+        .cloned()
+        .collect();
     Ok(Summary {
         text: text(&report, &outputs),
         unit: report.unit,

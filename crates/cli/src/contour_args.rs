@@ -1,6 +1,6 @@
 //! Arguments of `planish contour` and of the scene that makes readings for it.
 
-use crate::args::{CommonArgs, length, not_negative, positive, probability, share, whole};
+use crate::args::{CommonArgs, ReportArgs, length, not_negative, positive, probability, share, whole};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::contour::{Kind, Shape};
 use planish::next::Length;
@@ -102,6 +102,9 @@ pub struct ContourArgs {
     /// Only what a log saw in this box of its map, in metres
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = rectangle, allow_hyphen_values = true, help_heading = "Logs")]
     pub region: Option<[f64; 4]>,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

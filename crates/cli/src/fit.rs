@@ -63,6 +63,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         cell_size: args.cell_size,
         states: args.states.clone(),
         animation: args.animate.clone(),
+        report: args.page.output(&args.common),
         arguments: deciding_arguments(args),
     };
     let done = fit_files(&job, progress)?;
@@ -72,6 +73,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: read(args, &done),
         outputs: (done.written.iter().map(|w| w.file.clone()))
             .chain(done.animation.iter().map(|a| a.file.clone()))
+            .chain(args.page.report.clone())
             .collect(),
         warnings: done.fit.warnings.clone(),
         body: Body {
@@ -210,7 +212,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     sensors(&mut lines, fit, *unit);
     poses(&mut lines, fit, *unit);
     lines.gap();
-    if done.written.is_empty() && done.animation.is_none() {
+    if done.written.is_empty() && done.animation.is_none() && args.page.report.is_none() {
         lines.line("Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.");
     }
     for file in &done.written {
@@ -223,6 +225,9 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
             file.display(),
             counted(readings.len(), "frame")
         ));
+    }
+    if let Some(written) = args.page.written() {
+        lines.line(written);
     }
     lines.into_text()
 }

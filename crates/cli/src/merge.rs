@@ -8,6 +8,7 @@ use planish::merge::{
     MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged, write_spline,
 };
 use planish::progress::Progress;
+use planish::report::write_merge_report;
 use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -32,6 +33,10 @@ pub fn run(args: &MergeArgs) -> u8 {
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let outputs = plan_merged(&args.output, &args.patches)?;
+    let page = args.page.output(&args.common);
+    if let Some(page) = &page {
+        page.check(&args.patches, &args.output)?;
+    }
     let options = MergeOptions {
         method: args.method.map(Into::into),
         unit: args.common.unit.map(Unit::from),
@@ -52,6 +57,9 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     if let Some(spline) = &spline {
         write_spline(spline, &outputs.splines, &[session(args, &merged.report)], progress)?;
     }
+    if let Some(page) = &page {
+        write_merge_report(&merged, page)?;
+    }
     let report = merged.report;
     let mut warnings = report.warnings.clone();
     warnings.extend(spline.iter().flat_map(|s| s.warnings.iter().cloned()));
@@ -60,7 +68,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         text: text(args, &report, spline.as_ref()),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
-        outputs: args.output.clone(),
+        outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
         warnings,
         body: Body {
             report,

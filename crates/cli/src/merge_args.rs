@@ -1,6 +1,6 @@
 //! Arguments of `planish merge`.
 
-use crate::args::{CommonArgs, positive, whole, within};
+use crate::args::{CommonArgs, ReportArgs, positive, whole, within};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::merge::MergeMethod;
 use std::path::PathBuf;
@@ -66,6 +66,9 @@ pub struct MergeArgs {
     /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

@@ -6,7 +6,7 @@ use crate::report::{self, Align, Lines, Summary};
 use planish::Result;
 use planish::next::{
     Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, UnmeasurableSigma,
-    next_files, next_view_files,
+    next_files_reported, next_view_files,
 };
 use planish::progress::Progress;
 use serde::Serialize;
@@ -62,7 +62,7 @@ fn summary<R: Serialize>(
         text,
         unit: Some(unit),
         inputs,
-        outputs: args.output.clone(),
+        outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
         warnings: body.warnings.clone(),
         body,
     }
@@ -76,7 +76,7 @@ fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Bod
         goal: args.goal,
         outputs: args.output.clone(),
     };
-    let report = next_files(&job, progress)?;
+    let report = next_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
     let mut warnings = Vec::new();
     if report.next.reached_goal == Some(false) {
         warnings.push(format!(

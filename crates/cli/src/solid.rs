@@ -4,7 +4,9 @@ use crate::args::{ProjectionName, SolidArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
-use planish::solid::{DimensionKind, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files};
+use planish::solid::{
+    DimensionKind, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files_reported,
+};
 use planish::{ErrorKind, Result};
 use serde::Serialize;
 use std::cell::Cell;
@@ -45,7 +47,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         all: args.all,
         unit: args.common.unit.map(Into::into),
     };
-    let report = solid_files(&job, progress)?;
+    let report = solid_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
     is_solved.set(!report.solutions.is_empty());
     Ok(Summary {
         text: text(&report),

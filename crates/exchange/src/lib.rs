@@ -59,6 +59,7 @@ pub mod xyz;
 
 mod affine;
 mod atomic;
+mod checksum;
 mod foreign;
 mod georeference;
 mod numbers;
@@ -69,6 +70,7 @@ mod source;
 mod unit;
 
 pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
+pub use checksum::sha256_of;
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::extension;

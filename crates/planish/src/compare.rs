@@ -15,6 +15,7 @@ use crate::mesh_output::{affordable_tolerance, median_sigma};
 use crate::model::{Observed, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
 use crate::progress::Progress;
+use crate::report::{ReportOutput, compare_page};
 use crate::saved;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
@@ -143,7 +144,7 @@ pub enum ComparedPart {
 }
 
 impl ComparedPart {
-    fn holds(self, observed: Observed) -> bool {
+    pub(crate) fn holds(self, observed: Observed) -> bool {
         match self {
             Self::Measured => observed.is_measured(),
             Self::Completed => observed == Observed::Invented,
@@ -378,6 +379,28 @@ pub fn compare(
     options: &CompareOptions,
     progress: &dyn Progress,
 ) -> Result<ComparisonReport> {
+    compared(model, reference, options, progress).map(|(report, _)| report)
+}
+
+/// The reference as a report shows it.
+pub(crate) struct ShownReference {
+    /// Its points that were compared, in the model's unit.
+    pub points: Vec<[f64; 3]>,
+    /// The model's signed deviation from each.
+    pub deviations: Vec<f64>,
+    /// The same over its σ; not finite where none is known.
+    pub normalised: Vec<f64>,
+    /// Its triangles, where it has any.
+    pub mesh: Option<TriangleMesh>,
+}
+
+/// [`compare`], with what a report shows.
+fn compared(
+    model: &Compared,
+    reference: Reference,
+    options: &CompareOptions,
+    progress: &dyn Progress,
+) -> Result<(ComparisonReport, ShownReference)> {
     let unit = model
         .unit()
         .or(options.unit)
@@ -403,7 +426,7 @@ pub fn compare(
         Compared::Surface(model) => surface_pairs(model, &reference, options.part, &mut report.skipped)?,
         Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, options.part, &mut report.skipped)?,
     };
-    summarise_backward(&pairs, &reference, &mut report)?;
+    let mut shown = summarise_backward(&pairs, &reference, &mut report)?;
     progress.check("forward", 0.6)?;
     if reference.triangles.is_empty() {
         report
@@ -423,6 +446,7 @@ pub fn compare(
             .collect();
         report.skipped.model_beyond_border = all - signed.len();
         report.forward = deviations(&signed)?;
+        shown.mesh = Some(mesh);
     }
     if report.forward.is_none() && report.backward.is_none() {
         return Err(Error::undetermined(
@@ -430,7 +454,7 @@ pub fn compare(
         ));
     }
     progress.advance("done", 1.0);
-    Ok(report)
+    Ok((report, shown))
 }
 
 /// Reads two files and compares them.
@@ -443,8 +467,35 @@ pub fn compare_files(
     options: &CompareOptions,
     progress: &dyn Progress,
 ) -> Result<ComparisonReport> {
-    let model = Compared::read(model)?;
-    compare(&model, Reference::read(reference)?, options, progress)
+    compare_files_reported(model, reference, options, None, progress)
+}
+
+/// [`compare_files`], with a page that shows the result.
+///
+/// # Errors
+/// As [`compare_files`]; what [`ReportOutput::check`] reports, before the work.
+pub fn compare_files_reported(
+    model: &Path,
+    reference: &Path,
+    options: &CompareOptions,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<ComparisonReport> {
+    let named = [model.to_path_buf(), reference.to_path_buf()];
+    if let Some(page) = page {
+        page.check(&named, &[])?;
+    }
+    let read = Compared::read(model)?;
+    let (report, shown) = compared(&read, Reference::read(reference)?, options, progress)?;
+    if let Some(page) = page {
+        let [model, reference] = named;
+        let made = compare_page(&read, &report, shown, options, [&model, &reference])?;
+        page.write(
+            made,
+            &[(model, "the model".to_owned()), (reference, "the reference".to_owned())],
+        )?;
+    }
+    Ok(report)
 }
 
 fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {
@@ -479,8 +530,9 @@ struct Pair {
     sigma: Option<f64>,
 }
 
-fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut ComparisonReport) -> Result<()> {
+fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut ComparisonReport) -> Result<ShownReference> {
     let mut signed = Vec::with_capacity(pairs.len());
+    let mut normalised = Vec::with_capacity(pairs.len());
     let (mut with_sigma, mut covered, mut against) = (0_usize, 0_usize, 0_usize);
     for pair in pairs {
         let offset = sub(pair.foot, reference.points[pair.point]);
@@ -492,7 +544,10 @@ fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut Compar
         if let Some(sigma) = pair.sigma {
             with_sigma += 1;
             let variance = sigma * sigma + reference.variance(pair.point, pair.normal);
+            normalised.push(signed[signed.len() - 1] / variance.sqrt());
             covered += usize::from(size <= QUANTILE_95 * variance.sqrt());
+        } else {
+            normalised.push(f64::NAN);
         }
     }
     if 2 * against > pairs.len() {
@@ -503,7 +558,12 @@ fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut Compar
     }
     report.backward = deviations(&signed)?;
     report.coverage95 = (with_sigma > 0).then(|| covered as f64 / with_sigma as f64);
-    Ok(())
+    Ok(ShownReference {
+        points: pairs.iter().map(|pair| reference.points[pair.point]).collect(),
+        deviations: signed,
+        normalised,
+        mesh: None,
+    })
 }
 
 /// Exact foot points of the reference on a spline.

@@ -20,10 +20,11 @@ pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
+use crate::report::{ReportOutput, contour_page};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
-    ContourReadings, DrawnContour, read_contour_readings, write_contours_dxf, write_contours_svg,
+    ContourReadings, DrawnContour, contours_svg, read_contour_readings, write_contours_dxf, write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
@@ -78,6 +79,26 @@ struct Part {
 /// `Io` and `Input` of the reader and writers; `Unsupported` for an extension that cannot be written; `Undetermined` when no
 /// part can be fitted.
 pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
+    contour_files_reported(job, None, progress)
+}
+
+/// [`contour_files`], with a page that shows the contours; of shapes in space there is none.
+///
+/// # Errors
+/// As [`contour_files`]; what [`ReportOutput::check`] reports, before the work; `Unsupported` for a page of shapes in space.
+pub fn contour_files_reported(
+    job: &ContourJob,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<ContourReport> {
+    if let Some(page) = page {
+        page.check(std::slice::from_ref(&job.input), &job.outputs)?;
+        if !job.shapes.is_empty() {
+            return Err(Error::unsupported(
+                "--report draws contours in a plane: needed no shapes in space",
+            ));
+        }
+    }
     for output in &job.outputs {
         if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
             return Err(Error::unsupported(format!(
@@ -135,8 +156,24 @@ pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<Contou
     for (path, graphs) in job.constrain.graphs.iter().zip(graphs.iter().cycle()) {
         write_graphs(path, std::slice::from_ref(graphs), None)?;
     }
+    if let Some(page) = page {
+        let made = contour_page(&report, &contours_svg(&drawn, &points_of(&parts, &read)), &job.input);
+        page.write(
+            made,
+            &[(job.input.clone(), format!("{} readings", read.sightings.len()))],
+        )?;
+    }
     progress.advance("done", 1.0);
     Ok(report)
+}
+
+/// Every reading of a part, and whether it took part.
+fn points_of(parts: &[Part], read: &ContourReadings) -> Vec<([f64; 2], bool)> {
+    parts
+        .iter()
+        .flat_map(|part| part.members.iter().zip(&part.choice.fit.used))
+        .map(|(&i, &used)| (read.sightings[i].point(), used))
+        .collect()
 }
 
 fn parts_of(
@@ -228,14 +265,7 @@ fn write(
 ) -> Result<()> {
     match extension(path).as_str() {
         "dxf" => write_contours_dxf(path, drawn, report.unit),
-        "svg" => {
-            let points: Vec<([f64; 2], bool)> = parts
-                .iter()
-                .flat_map(|part| part.members.iter().zip(&part.choice.fit.used))
-                .map(|(&i, &used)| (read.sightings[i].point(), used))
-                .collect();
-            write_contours_svg(path, drawn, &points)
-        }
+        "svg" => write_contours_svg(path, drawn, &points_of(parts, read)),
         _ => write_json(path, report),
     }
 }

@@ -13,6 +13,7 @@ use crate::output::{
     refuse_same_output,
 };
 use crate::progress::{Part, Progress, WRITING_STAGE};
+use crate::report::{ReportOutput, fit_page};
 use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
@@ -53,6 +54,8 @@ pub struct FitJob {
     pub states: Option<PathBuf>,
     /// A .glb file or a folder of pictures that shows how the model formed, reading by reading.
     pub animation: Option<PathBuf>,
+    /// A page that shows the result.
+    pub report: Option<ReportOutput>,
     /// The arguments that decide the answer, for the saved model's provenance.
     pub arguments: Vec<String>,
 }
@@ -114,6 +117,9 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     if let Some(path) = &job.animation {
         refuse_same_output(path, &job.outputs)?;
     }
+    if let Some(page) = &job.report {
+        page.check(&named, &job.outputs)?;
+    }
     progress.check("reading", 0.0)?;
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
@@ -125,6 +131,9 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let read: Vec<PathBuf> = set.inputs.iter().map(|input| input.path.clone()).collect();
     for output in &outputs {
         refuse_input_as_output(&output.path, &read)?;
+    }
+    if let Some(page) = &job.report {
+        refuse_input_as_output(&page.path, &read)?;
     }
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
     let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
@@ -194,6 +203,11 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
+    if let Some(output) = &job.report {
+        let verb = if job.update.is_some() { "Updated" } else { "Fitted" };
+        let page = fit_page(&fitted, &report, &named, job.mesh_tolerance, verb)?;
+        output.write(page, &files_read(job, &set))?;
+    }
     progress.advance("done", 1.0);
     Ok(FitJobReport {
         fit: report,
@@ -204,6 +218,21 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         observations_of_all_sessions: fitted.model.observations,
         fit_seconds,
     })
+}
+
+/// The files that were read, and what each gave.
+fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
+    let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
+        (0, _) => "sensors and scans".to_owned(),
+        (n, 0) => format!("{n} points"),
+        (n, dropped) => format!("{n} points, {dropped} more not finite"),
+    };
+    let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
+    let model = job
+        .update
+        .iter()
+        .map(|path| (path.clone(), "the model that was updated".to_owned()));
+    scans.chain(model).collect()
 }
 
 /// The states of a sheet and their files, where these were asked for.

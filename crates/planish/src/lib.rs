@@ -21,6 +21,7 @@ pub mod output;
 mod point_sigmas;
 pub mod progress;
 pub mod propagate;
+pub mod report;
 pub mod saved;
 pub mod sense;
 pub mod shell;

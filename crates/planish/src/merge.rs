@@ -318,7 +318,7 @@ pub struct MergedOutputs {
 /// Writes a merged mesh in the format of the path's extension.
 ///
 /// # Errors
-/// As [`write_known_mesh`].
+/// `Io` where the file cannot be written; `Input` for numbers that its format cannot hold.
 pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Result<()> {
     progress.check(WRITING_STAGE, 0.97)?;
     write_known_mesh(

@@ -63,13 +63,42 @@ pub fn mesh_from_model(model: &SurfaceModel, posterior: &Posterior<'_>, toleranc
     mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
 }
 
+/// A mesh, and where on the surface each of its vertices is.
+pub(crate) struct PlacedMesh {
+    /// The mesh.
+    pub mesh: ModelMesh,
+    /// For each vertex, a leaf that holds it.
+    pub leaf: Vec<u32>,
+    /// Coordinates in that leaf.
+    pub local: Vec<[f64; 2]>,
+}
+
+/// A mesh of a model with no more than about so many triangles.
+pub(crate) fn placed_mesh(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    most: u64,
+) -> Result<PlacedMesh> {
+    placed_mesh_of_size(model, posterior, tolerance, [most; 2])
+}
+
 /// [`mesh_from_model`] with other limits: of default meshes and of any.
 fn mesh_of_size(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    [most_by_default, most]: [u64; 2],
+    most: [u64; 2],
 ) -> Result<ModelMesh> {
+    placed_mesh_of_size(model, posterior, tolerance, most).map(|placed| placed.mesh)
+}
+
+fn placed_mesh_of_size(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    [most_by_default, most]: [u64; 2],
+) -> Result<PlacedMesh> {
     let mut warnings = Vec::new();
     let unit = model.unit;
     let (wanted, most) = match tolerance {
@@ -108,14 +137,18 @@ fn mesh_of_size(
         .iter()
         .map(|&leaf| model.observed[leaf as usize].mark())
         .collect();
-    Ok(ModelMesh {
-        mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
-        normals: made.normals,
-        sigma,
-        observed,
-        tolerance,
-        unit: model.unit,
-        warnings,
+    Ok(PlacedMesh {
+        mesh: ModelMesh {
+            mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
+            normals: made.normals,
+            sigma,
+            observed,
+            tolerance,
+            unit: model.unit,
+            warnings,
+        },
+        leaf: made.leaf,
+        local: made.local,
     })
 }
 

@@ -16,6 +16,7 @@
 use crate::model::{Posterior, SurfaceModel};
 use crate::output::{refuse_input_as_output, refuse_same_output};
 use crate::progress::Progress;
+use crate::report::{ReportOutput, next_page};
 use crate::saved::load;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
@@ -409,6 +410,21 @@ pub struct NextJobReport {
 /// # Errors
 /// What the reader, [`next_points`] and the writers report; `Unsupported` for outputs of other kinds, before any work.
 pub fn next_files(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
+    next_files_reported(job, None, progress)
+}
+
+/// [`next_files`], with a page that shows the points on the model.
+///
+/// # Errors
+/// As [`next_files`]; what [`ReportOutput::check`] reports, before the work.
+pub fn next_files_reported(
+    job: &NextJob,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<NextJobReport> {
+    if let Some(page) = page {
+        page.check(std::slice::from_ref(&job.model), &job.outputs)?;
+    }
     for (k, path) in job.outputs.iter().enumerate() {
         if !matches!(extension(path).as_str(), "csv" | "ply") {
             return Err(Error::unsupported(format!(
@@ -430,6 +446,10 @@ pub fn next_files(job: &NextJob, progress: &dyn Progress) -> Result<NextJobRepor
     let next = next_points(&model, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
+    }
+    if let Some(page) = page {
+        let made = next_page(&model, &next, &job.model)?;
+        page.write(made, &[(job.model.clone(), "the model".to_owned())])?;
     }
     Ok(NextJobReport { next, unit: model.unit })
 }

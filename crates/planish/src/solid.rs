@@ -13,6 +13,7 @@ pub use noisy::{NoisyGeometry, ReportedView};
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
+use crate::report::{ReportOutput, solid_page};
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
@@ -137,7 +138,22 @@ pub struct SolidReport {
 /// closes; `Unsupported` where a mesh is asked for and a face cannot be filled; `Io` for file trouble. That no solid has these views is an answer: no
 /// solutions, and the lines that none explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
+    solid_files_reported(job, None, progress)
+}
+
+/// [`solid_files`], with a page that shows the solids side by side, and their views.
+///
+/// # Errors
+/// As [`solid_files`]; what [`ReportOutput::check`] reports, before the work.
+pub fn solid_files_reported(
+    job: &SolidJob,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<SolidReport> {
     plan(job)?;
+    if let Some(page) = page {
+        page.check(&job.views, &job.outputs)?;
+    }
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
     let noisy = match is_contours(job) {
@@ -227,6 +243,13 @@ pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidRepor
             noisy::write_json(path, &report)?;
             report.written.push(path.clone());
         }
+    }
+    if let Some(page) = page {
+        let solids: Vec<&Solid> = accepted.iter().map(|solution| &solution.solid).collect();
+        let made = solid_page(&report, &drawing, &solids, tolerance, &job.views)?;
+        let inputs: Vec<(PathBuf, String)> = job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect();
+        page.write(made, &inputs)?;
+        report.written.push(page.path.clone());
     }
     Ok(report)
 }

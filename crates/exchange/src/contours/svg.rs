@@ -16,11 +16,13 @@ const MARGIN: f64 = 24.0;
 /// # Errors
 /// `Io` when the file cannot be written.
 pub fn write_contours_svg(path: &Path, contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> Result<()> {
-    let text = picture(contours, points);
+    let text = contours_svg(contours, points);
     write_atomically(path, |out| out.write_all(text.as_bytes()))
 }
 
-fn picture(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
+/// The drawing that [`write_contours_svg`] writes, as text.
+#[must_use]
+pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
     let outlines: Vec<(Vec<[f64; 2]>, Vec<f64>, bool)> = contours
         .iter()
         .filter_map(|c| match (c.kind.outline(&c.theta), c.seen) {

@@ -11,7 +11,7 @@ use super::patch::{self, Fused};
 use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
 use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
-use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, set_aside};
+use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, ShownReadings, set_aside};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::sparse::CholeskyFactor;
@@ -329,6 +329,8 @@ pub(super) fn finish(
         },
         warnings,
     };
+    let surface = &model.surface;
+    let readings = ShownReadings::new(set, observations, surface, &subset, &feet, &information, &noise);
     model.observed = observed;
     model.sensors = sensors;
     model.poses.extend(poses);
@@ -339,6 +341,7 @@ pub(super) fn finish(
         report,
         earlier_states: Vec::new(),
         forming: None,
+        readings: Some(readings),
         covariance,
     })
 }

@@ -347,6 +347,7 @@ impl Solved {
             report,
             earlier_states: Vec::new(),
             forming: None,
+            readings: None,
             covariance,
         })
     }

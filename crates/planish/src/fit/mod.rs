@@ -18,6 +18,7 @@ mod refined;
 mod rough;
 mod shape_left;
 mod shared;
+mod shown;
 mod smoothing;
 mod stages;
 
@@ -28,6 +29,7 @@ pub(crate) use patch::{FirstFit, first_fit_of};
 pub(crate) use refined::RefinementLog;
 pub use refined::{LevelRefinement, RefineBy};
 pub use shape_left::ShapeLeft;
+pub use shown::{ScanFigures, ShownReadings};
 pub(crate) use stages::{extent_of, with_neighbours};
 
 use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
@@ -234,6 +236,8 @@ pub struct Fit {
     pub earlier_states: Vec<Fit>,
     /// How the model formed, reading by reading, where that was asked for.
     pub forming: Option<Forming>,
+    /// Some of the readings with their residuals; none where parameters were known or a sheet bends.
+    pub readings: Option<ShownReadings>,
     covariance: Arc<NodeCovariance>,
 }
 
@@ -243,6 +247,7 @@ impl Fit {
         if by != [0.0; 3] {
             self.model = self.model.translated(by)?;
             self.forming = self.forming.map(|forming| forming.translated(by)).transpose()?;
+            self.readings = self.readings.map(|readings| readings.translated(by));
         }
         Ok(self)
     }

@@ -1,0 +1,109 @@
+//! Reports: one page of HTML a job, which opens without a network.
+//!
+//! Comes in: what a job knows once it is done, its model and the figures of its summary. Goes out: a [`planish_report::Page`] and its file. Nothing that
+//! the summary says is computed again. Reports hold no time of day: the same input gives the same bytes.
+
+mod compare;
+mod contour;
+mod fit;
+mod merge;
+mod model;
+mod next;
+mod solid;
+
+pub(crate) use compare::compare_page;
+pub(crate) use contour::contour_page;
+pub(crate) use fit::fit_page;
+pub use merge::write_merge_report;
+pub(crate) use next::next_page;
+pub(crate) use solid::solid_page;
+
+use crate::output::{refuse_input_as_output, refuse_same_output};
+use planish_estimate::{Error, Result};
+use planish_exchange::{check_writable, extension, sha256_of, write_atomically};
+use planish_report::{Block, Page, Section, Table};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Where a report goes, and what it says of the run that made it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ReportOutput {
+    /// An `.html` file.
+    pub path: PathBuf,
+    /// The command as it was given, for the reader to repeat.
+    pub command: String,
+    /// The seed of random choices.
+    pub seed: u64,
+}
+
+impl ReportOutput {
+    /// Checks the file before the work begins.
+    ///
+    /// # Errors
+    /// `Unsupported` for other extensions than `.html`; `Input` for one of the inputs or outputs; `Io` where it cannot be written.
+    pub fn check(&self, inputs: &[PathBuf], outputs: &[PathBuf]) -> Result<()> {
+        if !matches!(extension(&self.path).as_str(), "html" | "htm") {
+            return Err(Error::unsupported(format!(
+                "{}: a report is one page of HTML: needed a name that ends in .html",
+                self.path.display()
+            )));
+        }
+        refuse_input_as_output(&self.path, inputs)?;
+        refuse_same_output(&self.path, outputs)?;
+        check_writable(&self.path)
+    }
+
+    /// Writes a page, with where it comes from at its end.
+    pub(crate) fn write(&self, mut page: Page, inputs: &[(PathBuf, String)]) -> Result<()> {
+        page.sections.push(self.provenance(inputs)?);
+        let html = page
+            .html()
+            .map_err(|e| Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e))?;
+        write_atomically(&self.path, |writer| writer.write_all(html.as_bytes()))
+    }
+
+    /// The command, the version, the seed, and a checksum of every file that was read; what each gave stands beside it.
+    fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
+        let mut files = Table::new(["file", "what it gave", "SHA-256"]);
+        for (path, gave) in inputs {
+            files.row([file_name(path), gave.clone(), sha256_of(path)?], false);
+        }
+        let mut blocks = vec![
+            Block::Lines(self.command.clone()),
+            Block::Text(format!(
+                "Planish {}; seed {}. The same files and the same command give the same bytes.",
+                env!("CARGO_PKG_VERSION"),
+                self.seed
+            )),
+        ];
+        if !inputs.is_empty() {
+            blocks.push(Block::Table(files));
+        }
+        Ok(Section::new("Where this comes from", blocks))
+    }
+}
+
+/// The last part of a path, as text.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |name| name.to_string_lossy().into_owned(),
+    )
+}
+
+/// What a report is of: the first file and how many more, or the folder's name where files in it are many.
+pub(crate) fn title_of(paths: &[PathBuf]) -> String {
+    match paths {
+        [] => "nothing".to_owned(),
+        [one] => {
+            let name = file_name(one);
+            let folder = one.parent().map(file_name).unwrap_or_default();
+            // `job.toml` says less than where it lies.
+            match name.as_str() {
+                "job.toml" if !folder.is_empty() => format!("{folder}/{name}"),
+                _ => name,
+            }
+        }
+        [first, others @ ..] => format!("{} and {} more", file_name(first), others.len()),
+    }
+}

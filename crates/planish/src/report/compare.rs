@@ -1,0 +1,300 @@
+//! The report of a comparison.
+
+use super::fit::sentence;
+use super::model::{SmallUnit, model_scene, numbers, observed_field};
+use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
+use crate::model::Observed;
+use planish_estimate::Result;
+use planish_mesh::{MeshSearch, TriangleMesh};
+use planish_report::numbers::{count, percent, significant};
+use planish_report::{
+    Block, Cloud, Field, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table, plot,
+};
+use std::path::Path;
+
+/// Points of the reference that are drawn at most.
+const MOST_POINTS: usize = 20_000;
+/// Shares of the points within 1.96 σ between which σ counts as true.
+const TRUE_SHARES: [f64; 2] = [0.92, 0.985];
+/// A mean deviation beyond this share of the rms is a bias of the whole.
+const MOST_BIAS: f64 = 0.5;
+
+/// The page of a comparison of a model with a reference, by their names.
+pub(crate) fn compare_page(
+    model: &Compared,
+    report: &ComparisonReport,
+    shown: ShownReference,
+    options: &CompareOptions,
+    [model_name, reference_name]: [&Path; 2],
+) -> Result<Page> {
+    let names = [model_name, reference_name].map(super::file_name);
+    let model_unit = report.unit.name();
+    let main = report.forward.or(report.backward);
+    let unit = SmallUnit::of(model_unit, main.map_or(1.0, |d| d.rms));
+    let mut scene = match model {
+        Compared::Surface(model) => model_scene(model, &model.posterior()?, None, None)?.0,
+        Compared::Mesh(mesh) => mesh_scene(mesh, model_unit),
+    };
+    scene.lines.clear();
+    scene.clouds.clear();
+    if let (Some(reference), Some(surface)) = (&shown.mesh, scene.surfaces.first_mut()) {
+        let observed: Option<Vec<u8>> = match model {
+            Compared::Mesh(mesh) => (mesh.observed.as_ref()).map(|o| o.iter().map(|o| o.mark()).collect()),
+            Compared::Surface(_) => marks_of(surface),
+        };
+        let field = deviation_field(reference, &surface.positions, observed.as_deref(), options, model_unit)?;
+        surface.fields.insert(0, field);
+    }
+    scene.clouds.push(reference_cloud(&shown, model_unit));
+    // A reference without faces is what is seen of the deviations.
+    if shown.mesh.is_none() {
+        scene.clouds[0].hidden = false;
+    }
+    if let Some(mesh) = shown.mesh {
+        scene.surfaces.push(SurfaceShown {
+            name: "reference".to_owned(),
+            positions: mesh.positions,
+            triangles: mesh.triangles,
+            hidden: true,
+            translucent: true,
+            ..SurfaceShown::default()
+        });
+    }
+    let mut figures = Vec::new();
+    if let Some(d) = main {
+        figures.push(Figure::new(
+            "deviations, rms",
+            unit.text(d.rms),
+            format!("95 % below {}", unit.text(d.p95)),
+        ));
+        figures.push(Figure::new("mean", unit.text(d.mean), "0 where there is no bias"));
+        figures.push(Figure::new(
+            "largest",
+            unit.text(d.max),
+            format!("of {} points", count(d.n)),
+        ));
+    }
+    if let Some(share) = report.coverage95 {
+        figures.push(Figure::new("within 1.96 σ", percent(share), "95 % where σ is true"));
+    }
+    Ok(Page {
+        job: "compare".to_owned(),
+        title: names[0].clone(),
+        headline: format!(
+            "Its deviations from {}, positive on the side that the normals of {} point to.",
+            names[1], names[1]
+        ),
+        findings: findings(report, unit),
+        figures,
+        scene: Some(scene),
+        drawings: Vec::new(),
+        sections: vec![
+            how_far(report, unit),
+            whether_true(&shown.normalised, report),
+            left_out(report),
+        ],
+    })
+}
+
+/// The marks of `observed` that a surface is coloured by.
+fn marks_of(surface: &SurfaceShown) -> Option<Vec<u8>> {
+    let field = surface.fields.iter().find(|field| field.key == "observed")?;
+    match &field.values {
+        planish_report::Values::Kinds(kinds) => Some(kinds.iter().map(|k| *k as u8).collect()),
+        planish_report::Values::Numbers(_) => None,
+    }
+}
+
+fn mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
+    let mut fields = Vec::new();
+    if let Some(sigma) = &mesh.sigma {
+        fields.push(numbers(
+            "sigma",
+            "σ along the normal",
+            unit,
+            FieldKind::Sequential,
+            sigma.clone(),
+        ));
+    }
+    if let Some(observed) = &mesh.observed {
+        fields.push(observed_field(&observed.iter().map(|o| o.mark()).collect::<Vec<u8>>()));
+    }
+    Scene {
+        unit: unit.to_owned(),
+        surfaces: vec![SurfaceShown {
+            name: "model".to_owned(),
+            positions: mesh.mesh.positions.clone(),
+            triangles: mesh.mesh.triangles.clone(),
+            fields,
+            ..SurfaceShown::default()
+        }],
+        ..Scene::default()
+    }
+}
+
+/// Signed distances of vertices from the reference; not finite where they are not compared.
+fn deviation_field(
+    reference: &TriangleMesh,
+    vertices: &[[f64; 3]],
+    observed: Option<&[u8]>,
+    options: &CompareOptions,
+    unit: &str,
+) -> Result<Field> {
+    let feet = MeshSearch::try_new(reference)?.closest_all(vertices);
+    let is_compared = |k: usize| {
+        let known = observed.map_or(Some(Observed::Measured), |marks| Observed::from_mark(marks[k]));
+        options.part.holds(known.unwrap_or_default())
+    };
+    let deviations = (feet.into_iter().enumerate())
+        .map(|(k, foot)| match foot {
+            Some(foot) if !foot.on_boundary && is_compared(k) => foot.signed_distance,
+            _ => f64::NAN,
+        })
+        .collect();
+    Ok(numbers(
+        "deviation",
+        "deviation",
+        unit,
+        FieldKind::Signed(None),
+        deviations,
+    ))
+}
+
+fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
+    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    let some = |values: &[f64]| values.iter().copied().step_by(step).collect::<Vec<f64>>();
+    let mut fields = vec![numbers(
+        "deviation",
+        "deviation of the model",
+        unit,
+        FieldKind::Signed(None),
+        some(&shown.deviations),
+    )];
+    if shown.normalised.iter().any(|v| v.is_finite()) {
+        fields.push(numbers(
+            "normalised",
+            "deviation over its σ",
+            "",
+            FieldKind::Signed(Some(4.0)),
+            some(&shown.normalised),
+        ));
+    }
+    Cloud {
+        name: "points of the reference".to_owned(),
+        positions: shown.points.iter().copied().step_by(step).collect(),
+        fields,
+        hidden: true,
+        width: 3,
+    }
+}
+
+fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    if let Some(share) = report.coverage95 {
+        let text = format!("{} of the reference's points lie within 1.96 σ", percent(share));
+        found.push(if share < TRUE_SHARES[0] {
+            let level = if share < 0.7 { Level::Bad } else { Level::Look };
+            Finding::new(level, format!("σ is too small: only {text} (95 % where it is true)."))
+        } else if share > TRUE_SHARES[1] {
+            Finding::new(
+                Level::Look,
+                format!("σ is rather large: {text} (95 % where it is true)."),
+            )
+        } else {
+            Finding::new(
+                Level::Good,
+                format!("σ told the truth: {text} (95 % where it is true)."),
+            )
+        });
+    } else {
+        found.push(Finding::new(
+            Level::Look,
+            "The model states no σ: whether it tells the truth cannot be said.",
+        ));
+    }
+    if let Some(d) = report.backward.or(report.forward)
+        && d.mean.abs() > MOST_BIAS * d.rms
+    {
+        found.push(Finding::new(
+            Level::Look,
+            format!(
+                "Most deviations have one sign: {} on average. The frames or the scales of the two may differ.",
+                unit.text(d.mean)
+            ),
+        ));
+    }
+    found.extend(report.warnings.iter().map(|w| Finding::new(Level::Look, sentence(w))));
+    found
+}
+
+fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
+    let rms = format!("rms / {}", unit.name);
+    let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
+    for (name, found) in [
+        ("model to reference", &report.forward),
+        ("reference to model", &report.backward),
+    ] {
+        let Some(d) = found else { continue };
+        let [a, b, c, e, f] = [d.rms, d.mean, d.p50, d.p95, d.max].map(|v| unit.number(v, 3));
+        table.row([name.to_owned(), a, b, c, e, f, count(d.n)], false);
+    }
+    Section::new("How far they lie apart", vec![Block::Table(table)])
+}
+
+fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
+    let svg = plot::normalised_residuals(normalised);
+    let blocks = if svg.is_empty() {
+        vec![Block::Text("The model states no σ.".to_owned())]
+    } else {
+        let mean_square = {
+            let known: Vec<f64> = normalised.iter().copied().filter(|v| v.is_finite()).collect();
+            known.iter().map(|v| v * v).sum::<f64>() / known.len().max(1) as f64
+        };
+        vec![
+            Block::Drawing {
+                svg,
+                caption: "Deviations of the reference's points over their σ (bars), and the normal distribution that they have where σ is true (line).".to_owned(),
+            },
+            Block::Text(format!(
+                "Deviations are {} times their σ (rms); {} of them lie within 1.96 σ.",
+                significant(mean_square.sqrt(), 3),
+                percent(report.coverage95.unwrap_or(f64::NAN))
+            )),
+        ]
+    };
+    Section::new("Whether σ is true", blocks)
+}
+
+fn left_out(report: &ComparisonReport) -> Section {
+    let skipped = report.skipped;
+    let causes = [
+        (
+            skipped.model_not_observed,
+            "points of the model that were not measured, or are of another part",
+        ),
+        (
+            skipped.model_beyond_border,
+            "points of the model beyond a border of the reference",
+        ),
+        (
+            skipped.reference_not_observed,
+            "points of the reference that face such a part of the model",
+        ),
+        (
+            skipped.reference_beyond_border,
+            "points of the reference beyond a border of the model",
+        ),
+    ];
+    let lines: Vec<Block> = (causes.into_iter())
+        .filter(|(n, _)| *n > 0)
+        .map(|(n, what)| Block::Text(format!("{} {what}.", count(n))))
+        .collect();
+    Section::new(
+        "What was left out",
+        if lines.is_empty() {
+            vec![Block::Text("Nothing.".to_owned())]
+        } else {
+            lines
+        },
+    )
+}

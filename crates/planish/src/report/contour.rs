@@ -1,0 +1,207 @@
+//! The report of contours.
+
+use super::fit::sentence;
+use super::title_of;
+use crate::contour::{ConstrainedReport, ContourReport, PartReport};
+use planish_report::numbers::{count, counted, significant};
+use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
+use std::path::{Path, PathBuf};
+
+/// A χ² beyond this over its degrees of freedom is no noise of the stated σ.
+const MOST_CHI_SQUARE: f64 = 2.0;
+
+/// The page of contours, with their drawing.
+pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> Page {
+    let unit = report.unit.map_or("", |unit| unit.name());
+    let mut sections = Vec::new();
+    for (k, part) in report.contours.iter().enumerate() {
+        let title = match report.contours.len() {
+            1 => format!("A {}", part.kind),
+            _ => format!("Contour {}: {}", k + 1, part.kind),
+        };
+        sections.push(Section::new(title, part_blocks(part, unit)));
+    }
+    if let Some(constrained) = &report.constrained {
+        sections.extend(constrained_sections(constrained, unit));
+    }
+    Page {
+        job: "contour".to_owned(),
+        title: title_of(&[PathBuf::from(input)]),
+        headline: format!(
+            "{} in {}.",
+            kinds_of(report),
+            counted(report.contours.iter().map(|p| p.readings).sum(), "reading")
+        ),
+        findings: findings(report),
+        figures: figures(report, unit),
+        scene: None,
+        drawings: vec![Block::Drawing {
+            svg: svg.to_owned(),
+            caption: "The contours (lines) on the readings (dots; open red ones were rejected).".to_owned(),
+        }],
+        sections,
+    }
+}
+
+fn kinds_of(report: &ContourReport) -> String {
+    let mut kinds: Vec<(String, usize)> = Vec::new();
+    for part in &report.contours {
+        match kinds.iter_mut().find(|(kind, _)| *kind == part.kind) {
+            Some((_, n)) => *n += 1,
+            None => kinds.push((part.kind.clone(), 1)),
+        }
+    }
+    let names: Vec<String> = kinds
+        .into_iter()
+        .map(|(kind, n)| {
+            if n == 1 {
+                format!("One {kind}")
+            } else {
+                format!("{n} × {kind}")
+            }
+        })
+        .collect();
+    names.join(", ")
+}
+
+fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
+    let main = &report.main;
+    let mut figures: Vec<Figure> = (main.parameters.iter().take(4))
+        .map(|(name, value)| Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit)))
+        .collect();
+    figures.push(Figure::new(
+        "reduced χ²",
+        significant(main.reduced_chi_square, 3),
+        "1 where σ is true",
+    ));
+    figures
+}
+
+fn unit_of<'a>(name: &str, unit: &'a str) -> &'a str {
+    let is_angle = ["angle", "heading", "direction", "rotation"]
+        .iter()
+        .any(|word| name.contains(word));
+    if is_angle { "°" } else { unit }
+}
+
+/// A parameter's name in words.
+fn words(name: &str) -> String {
+    name.trim_end_matches("_deg").replace('_', " ")
+}
+
+/// A value with its σ, with as many digits as σ leaves.
+fn with_sigma(value: f64, sigma: f64) -> String {
+    if !(sigma > 0.0 && sigma.is_finite()) {
+        return significant(value, 6);
+    }
+    let decimals = (1 - sigma.log10().floor() as i32).clamp(0, 12) as usize;
+    format!("{value:.decimals$} ± {sigma:.decimals$}")
+}
+
+fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
+    let mut table = Table::new(["parameter", "value", "σ"]);
+    for (name, value) in &part.parameters {
+        let unit = unit_of(name, unit);
+        let name = if unit.is_empty() {
+            name.clone()
+        } else {
+            format!("{name} / {unit}")
+        };
+        let decimals = with_sigma(value.value, value.sigma);
+        let (value_text, sigma_text) = decimals.split_once(" ± ").unwrap_or((&decimals, "–"));
+        table.row([name, value_text.to_owned(), sigma_text.to_owned()], false);
+    }
+    let mut text = format!(
+        "{}, {} rejected; reduced χ² {}.",
+        counted(part.readings, "reading"),
+        count(part.rejected),
+        significant(part.reduced_chi_square, 3)
+    );
+    if let (Some(margin), Some(next)) = (part.bic_margin, part.alternatives.first()) {
+        text += &format!(
+            " The next kind, {}, is worse by {} in BIC.",
+            next.kind,
+            significant(margin, 3)
+        );
+    }
+    if let Some(hole) = part.hole_of {
+        text += &format!(" It is a hole of contour {}.", hole + 1);
+    }
+    vec![Block::Table(table), Block::Text(text)]
+}
+
+fn findings(report: &ContourReport) -> Vec<Finding> {
+    let mut found: Vec<Finding> = (report.warnings.iter())
+        .map(|w| Finding::new(Level::Look, sentence(w)))
+        .collect();
+    for (k, part) in report.contours.iter().enumerate() {
+        let name = format!("Contour {} ({})", k + 1, part.kind);
+        if part.reduced_chi_square > MOST_CHI_SQUARE {
+            found.push(Finding::new(
+                Level::Look,
+                format!(
+                    "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, or it is of another kind.",
+                    significant(part.reduced_chi_square.sqrt(), 2)
+                ),
+            ));
+        }
+    }
+    if let Some(constrained) = &report.constrained
+        && !constrained.conflicting.is_empty()
+    {
+        found.push(Finding::new(
+            Level::Bad,
+            "Some of the constraints that were given contradict each other.",
+        ));
+    }
+    if found.is_empty() {
+        found.push(Finding::new(
+            Level::Good,
+            "The readings agree with what was found, within their σ.",
+        ));
+    }
+    found
+}
+
+fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
+    let mut sections = Vec::new();
+    if !found.constraints.is_empty() {
+        let mut table = Table::new(["constraint", "from"]);
+        for constraint in &found.constraints {
+            table.row([constraint.text.clone(), constraint.from.to_owned()], false);
+        }
+        sections.push(Section::new(
+            "Constraints",
+            vec![
+                Block::Table(table),
+                Block::Text(format!(
+                    "Together: χ² {} with {} degrees of freedom, p {}.",
+                    significant(found.chi_square, 3),
+                    found.degrees,
+                    significant(found.p_value, 2)
+                )),
+            ],
+        ));
+    }
+    if !found.dimensions.is_empty() {
+        let head = if unit.is_empty() {
+            "σ".to_owned()
+        } else {
+            format!("σ / {unit}")
+        };
+        let mut table = Table::new(["dimension", &head]);
+        for dimension in &found.dimensions {
+            table.row([dimension.text.clone(), significant(dimension.sigma, 2)], false);
+        }
+        sections.push(Section::new("Dimensions", vec![Block::Table(table)]));
+    }
+    let freedoms = &found.freedoms;
+    sections.push(Section::new(
+        "Degrees of freedom",
+        vec![Block::Text(format!(
+            "{} parameters, {} equations of rank {}: {} are free.",
+            freedoms.parameters, freedoms.equations, freedoms.rank, freedoms.free
+        ))],
+    ));
+    sections
+}

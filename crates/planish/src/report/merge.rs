@@ -1,0 +1,163 @@
+//! The report of a merge.
+
+use super::fit::sentence;
+use super::model::{SmallUnit, numbers, observed_field};
+use super::{ReportOutput, file_name, title_of};
+use crate::merge::{MergeReport, Merged};
+use planish_estimate::Result;
+use planish_report::numbers::{count, counted, percent, significant};
+use planish_report::{Block, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};
+use std::path::Path;
+
+/// Writes a page that shows a merged mesh.
+///
+/// # Errors
+/// `Io` where it cannot be written or an input no longer be read.
+pub fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
+    let inputs: Vec<_> = (merged.report.inputs.iter())
+        .map(|path| (path.clone(), "a patch".to_owned()))
+        .collect();
+    output.write(merge_page(merged), &inputs)
+}
+
+/// A patch by the name of its file.
+fn short(name: &str) -> String {
+    file_name(Path::new(name))
+}
+
+fn merge_page(merged: &Merged) -> Page {
+    let report = &merged.report;
+    let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
+    let rms = format!("rms / {}", unit.name);
+    let mut regions = Table::new(["patches", "points", &rms]);
+    for region in &report.regions {
+        let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
+        regions.row(
+            [format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)],
+            false,
+        );
+    }
+    let sigma = format!("σ / {}", unit.name);
+    let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "turned over"]);
+    for patch in &report.patches {
+        patches.row(
+            [
+                short(&patch.name),
+                count(patch.triangles),
+                count(patch.vertices_kept),
+                unit.number(patch.sigma, 3),
+                if patch.turned_over { "yes" } else { "no" }.to_owned(),
+            ],
+            patch.turned_over,
+        );
+    }
+    let regular =
+        report.valence.get(6).copied().unwrap_or(0) as f64 / report.valence.iter().sum::<usize>().max(1) as f64;
+    let mut mesh_text = format!(
+        "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} closed.",
+        counted(report.triangles, "triangle"),
+        counted(report.parts, "part"),
+        percent(regular),
+        counted(report.stitched_triangles, "triangle"),
+        counted(report.holes_closed, "hole"),
+    );
+    if let Some(quality) = &report.quality {
+        mesh_text += &format!(
+            " Smallest angles: median {}°, one in a hundred below {}°.",
+            significant(quality.smallest_angle_median_deg, 3),
+            significant(quality.smallest_angle_p1_deg, 3)
+        );
+    }
+    Page {
+        job: "merge".to_owned(),
+        title: title_of(&report.inputs),
+        headline: format!(
+            "{} made one surface of {}.",
+            counted(report.patches.len(), "patch").replace("patchs", "patches"),
+            counted(report.triangles, "triangle")
+        ),
+        findings: findings(report),
+        figures: vec![
+            Figure::new(
+                "σ, median",
+                unit.text(report.sigma.median),
+                format!("95 % below {}", unit.text(report.sigma.p95)),
+            ),
+            Figure::new(
+                "open edges",
+                count(report.boundary_edges),
+                if report.watertight { "watertight" } else { "" },
+            ),
+            Figure::new(
+                "vertices",
+                count(report.vertices),
+                format!("{} regular", percent(regular)),
+            ),
+        ],
+        scene: Some(Scene {
+            unit: report.unit.name().to_owned(),
+            surfaces: vec![SurfaceShown {
+                name: "merged surface".to_owned(),
+                positions: merged.mesh.positions.clone(),
+                triangles: merged.mesh.triangles.clone(),
+                fields: vec![
+                    numbers(
+                        "sigma",
+                        "σ along the normal",
+                        report.unit.name(),
+                        FieldKind::Sequential,
+                        merged.sigma.clone(),
+                    ),
+                    observed_field(&merged.observed),
+                ],
+                ..SurfaceShown::default()
+            }],
+            ..Scene::default()
+        }),
+        drawings: Vec::new(),
+        sections: vec![
+            Section::new("What went in", vec![Block::Table(patches)]),
+            Section::new("Where patches overlap", vec![Block::Table(regions)]),
+            Section::new("The mesh", vec![Block::Text(mesh_text)]),
+        ],
+    }
+}
+
+fn findings(report: &MergeReport) -> Vec<Finding> {
+    let mut found: Vec<Finding> = (report.warnings.iter())
+        .map(|w| Finding::new(Level::Look, sentence(w)))
+        .collect();
+    if report.nonmanifold_edges > 0 {
+        found.push(Finding::new(
+            Level::Bad,
+            format!(
+                "{} of the mesh have more than two faces.",
+                counted(report.nonmanifold_edges, "edge")
+            ),
+        ));
+    }
+    if report.parts > 1 {
+        found.push(Finding::new(
+            Level::Look,
+            format!(
+                "The result is in {}: see where patches overlap.",
+                counted(report.parts, "separate part")
+            ),
+        ));
+    }
+    found.push(Finding::new(
+        Level::Good,
+        if report.watertight {
+            "The mesh is watertight.".to_owned()
+        } else {
+            format!("The mesh is open along {}.", counted(report.boundary_edges, "edge"))
+        },
+    ));
+    if report.sigma_estimated {
+        found.push(Finding::new(
+            Level::Look,
+            "The patches state no σ: it was told from how they differ where they overlap.",
+        ));
+    }
+    found
+}

@@ -1,0 +1,331 @@
+//! A surface model as a scene: coloured by σ, by what it is known by, by level, by curvature and by how many scans saw it.
+
+use crate::fit::ShownReadings;
+use crate::mesh_output::{PlacedMesh, placed_mesh};
+use crate::model::{Observed, Posterior, SurfaceModel};
+use crate::next::NextPoint;
+use planish_estimate::Result;
+use planish_report::numbers::significant;
+use planish_report::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};
+use planish_spline::Surface;
+use std::collections::BTreeMap;
+
+/// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
+const MOST_TRIANGLES: u64 = 60_000;
+/// Pieces of all lines between cells.
+const MOST_LINES: usize = 60_000;
+
+/// A unit in which small lengths read well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SmallUnit<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// How many of it are one of the model's.
+    pub factor: f64,
+}
+
+impl<'a> SmallUnit<'a> {
+    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is less than a centimetre, where the model is in metres.
+    pub(super) fn of(unit: &'a str, typical: f64) -> Self {
+        if unit == "m" && typical.abs() < 0.01 {
+            Self {
+                name: "mm",
+                factor: 1000.0,
+            }
+        } else {
+            Self {
+                name: unit,
+                factor: 1.0,
+            }
+        }
+    }
+
+    /// A length without its unit.
+    pub(super) fn number(self, length: f64, digits: usize) -> String {
+        significant(self.factor * length, digits)
+    }
+
+    /// A length with its unit.
+    pub(super) fn text(self, length: f64) -> String {
+        format!("{} {}", self.number(length, 3), self.name)
+    }
+}
+
+/// The unit in which most of some lengths read well, where it is not their own.
+fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
+    let most = lengths
+        .iter()
+        .filter(|l| l.is_finite())
+        .fold(0.0, |a: f64, b| a.max(b.abs()));
+    Some(SmallUnit::of(unit, most)).filter(|small| small.factor != 1.0)
+}
+
+/// A field of numbers.
+pub(super) fn numbers(key: &str, label: &str, unit: &str, kind: FieldKind, values: Vec<f64>) -> Field {
+    Field {
+        key: key.to_owned(),
+        label: label.to_owned(),
+        unit: unit.to_owned(),
+        shown: small_unit(unit, &values).map(|small| (small.name.to_owned(), small.factor)),
+        kind,
+        values: Values::Numbers(values),
+    }
+}
+
+/// A field of kinds.
+pub(super) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -> Field {
+    Field {
+        key: key.to_owned(),
+        label: label.to_owned(),
+        unit: String::new(),
+        shown: None,
+        kind,
+        values: Values::Kinds(values),
+    }
+}
+
+/// What a mark of `observed` is called.
+fn known_by(mark: u8) -> &'static str {
+    match Observed::from_mark(mark) {
+        Some(Observed::Measured) => "measured",
+        Some(Observed::Invented) => "completed from elsewhere",
+        _ => "smoothness alone",
+    }
+}
+
+/// The field of what parts are known by, of those that occur.
+pub(super) fn observed_field(observed: &[u8]) -> Field {
+    let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
+    kinds(
+        "observed",
+        "known by",
+        FieldKind::Categories(categories.map(|m| (u16::from(m), known_by(m).to_owned())).collect()),
+        observed.iter().map(|m| u16::from(*m)).collect(),
+    )
+}
+
+/// A model in 3D, with the readings that made it where these are at hand; and the tolerance of its triangles.
+pub(super) fn model_scene(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    readings: Option<&ShownReadings>,
+) -> Result<(Scene, f64)> {
+    let placed = placed_mesh(model, posterior, tolerance, MOST_TRIANGLES)?;
+    let unit = model.unit.name();
+    let tolerance = placed.mesh.tolerance;
+    let mut scene = Scene {
+        unit: unit.to_owned(),
+        surfaces: vec![surface_shown(model, placed, readings)],
+        clouds: readings.map(|r| reading_cloud(r, unit)).into_iter().collect(),
+        lines: vec![cell_lines(&model.surface)],
+        ..Scene::default()
+    };
+    scene.clouds.push(Cloud {
+        name: "control vertices".to_owned(),
+        positions: model.surface.vertices().to_vec(),
+        hidden: true,
+        width: 4,
+        ..Cloud::default()
+    });
+    Ok((scene, tolerance))
+}
+
+fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&ShownReadings>) -> SurfaceShown {
+    let PlacedMesh { mesh, leaf, local } = placed;
+    let unit = model.unit.name();
+    let surface = &model.surface;
+    let mut fields = vec![
+        numbers("sigma", "σ along the normal", unit, FieldKind::Sequential, mesh.sigma),
+        observed_field(&mesh.observed),
+    ];
+    let level = |leaf: u32| u16::from(surface.space().leaves()[leaf as usize].level);
+    let levels: Vec<u16> = leaf.iter().map(|&l| level(l)).collect();
+    let deepest = levels.iter().copied().max().unwrap_or(0);
+    fields.push(kinds(
+        "level",
+        "level of subdivision",
+        FieldKind::Steps((0..=deepest).map(|l| (l, format!("level {l}"))).collect()),
+        levels,
+    ));
+    let principal: Vec<[f64; 2]> = (leaf.iter().zip(&local))
+        .map(|(&leaf, &[s, t])| {
+            let curvature = surface.leaf_jet(leaf as usize, s, t).curvature();
+            curvature.map_or([f64::NAN; 2], |c| c.principal)
+        })
+        .collect();
+    let per_length = format!("1/{unit}");
+    fields.push(numbers(
+        "mean_curvature",
+        "mean curvature",
+        &per_length,
+        FieldKind::Signed(None),
+        principal.iter().map(|k| 0.5 * (k[0] + k[1])).collect(),
+    ));
+    fields.push(numbers(
+        "gaussian_curvature",
+        "Gaussian curvature",
+        &format!("1/{unit}²"),
+        FieldKind::Signed(None),
+        principal.iter().map(|k| k[0] * k[1]).collect(),
+    ));
+    let seen_by = readings.map(|readings| {
+        let mut sets: BTreeMap<&[u16], u16> = BTreeMap::new();
+        let of_leaf: Vec<u16> = (readings.seen_by.iter())
+            .map(|seen| {
+                let next = sets.len() as u16;
+                *sets.entry(seen).or_insert(next)
+            })
+            .collect();
+        let mut ordered = vec![Vec::new(); sets.len()];
+        for (set, k) in sets {
+            ordered[k as usize] = set.to_vec();
+        }
+        SeenBy {
+            names: readings.scans.iter().map(|scan| scan.name.clone()).collect(),
+            sets: ordered,
+            of_vertex: leaf.iter().map(|&leaf| of_leaf[leaf as usize]).collect(),
+        }
+    });
+    if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
+        let number: Vec<u16> = (leaf.iter())
+            .map(|&leaf| readings.seen_by[leaf as usize].len() as u16)
+            .collect();
+        let most = number.iter().copied().max().unwrap_or(0);
+        let name = |n: u16| match n {
+            1 => "1 scan".to_owned(),
+            n => format!("{n} scans"),
+        };
+        fields.push(kinds(
+            "scans",
+            "number of scans that saw it",
+            FieldKind::Steps((0..=most).map(|n| (n, name(n))).collect()),
+            number,
+        ));
+        fields.extend(sensor_field(&leaf, readings));
+    }
+    SurfaceShown {
+        name: "surface".to_owned(),
+        positions: mesh.mesh.positions,
+        triangles: mesh.mesh.triangles,
+        fields,
+        seen_by,
+        ..SurfaceShown::default()
+    }
+}
+
+/// Which sensors saw each part, where there are several.
+fn sensor_field(leaf: &[u32], readings: &ShownReadings) -> Option<Field> {
+    let mut sensors: Vec<&str> = readings.scans.iter().map(|scan| &scan.sensor[..]).collect();
+    sensors.sort_unstable();
+    sensors.dedup();
+    if sensors.len() < 2 {
+        return None;
+    }
+    let mut sets: BTreeMap<Vec<&str>, u16> = BTreeMap::new();
+    let of_leaf: Vec<u16> = (readings.seen_by.iter())
+        .map(|seen| {
+            let mut set: Vec<&str> = seen.iter().map(|&s| &readings.scans[s as usize].sensor[..]).collect();
+            set.sort_unstable();
+            set.dedup();
+            let next = sets.len() as u16;
+            *sets.entry(set).or_insert(next)
+        })
+        .collect();
+    let mut categories: Vec<(u16, String)> = (sets.into_iter())
+        .map(|(set, k)| {
+            (
+                k,
+                if set.is_empty() {
+                    "none".to_owned()
+                } else {
+                    set.join(" + ")
+                },
+            )
+        })
+        .collect();
+    categories.sort_unstable();
+    Some(kinds(
+        "sensors",
+        "sensors that saw it",
+        FieldKind::Categories(categories),
+        leaf.iter().map(|&leaf| of_leaf[leaf as usize]).collect(),
+    ))
+}
+
+fn reading_cloud(readings: &ShownReadings, unit: &str) -> Cloud {
+    let names = readings.scans.iter().enumerate();
+    Cloud {
+        name: "readings, coloured by residual".to_owned(),
+        positions: readings.places.clone(),
+        fields: vec![
+            numbers(
+                "normalised",
+                "residual over its σ",
+                "",
+                FieldKind::Signed(Some(4.0)),
+                readings.normalised.clone(),
+            ),
+            numbers(
+                "residual",
+                "residual",
+                unit,
+                FieldKind::Signed(None),
+                readings.residuals.clone(),
+            ),
+            kinds(
+                "scan",
+                "scan",
+                FieldKind::Categories(names.map(|(k, scan)| (k as u16, scan.name.clone())).collect()),
+                readings.scan.clone(),
+            ),
+            kinds(
+                "used",
+                "took part",
+                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: set aside".to_owned())]),
+                readings.used.iter().map(|u| u16::from(*u)).collect(),
+            ),
+        ],
+        hidden: true,
+        width: 3,
+    }
+}
+
+/// The borders of all leaves: the quadtree on the surface.
+fn cell_lines(surface: &Surface) -> LineSet {
+    let leaves = surface.space().leaves().len();
+    let pieces = (MOST_LINES / (2 * leaves.max(1))).clamp(1, 8);
+    let mut segments = Vec::with_capacity(2 * leaves * pieces);
+    for leaf in 0..leaves {
+        // The other two sides are those of neighbours.
+        for side in [|x: f64| [x, 0.0], |x: f64| [0.0, x]] {
+            let at = |k: usize| {
+                let [s, t] = side(k as f64 / pieces as f64);
+                surface.leaf_point(leaf, s, t)
+            };
+            segments.extend((0..pieces).map(|k| [at(k), at(k + 1)]));
+        }
+    }
+    LineSet {
+        name: "cells".to_owned(),
+        segments,
+        colour: "#1b1b1f".to_owned(),
+        hidden: true,
+    }
+}
+
+/// Places to measure, numbered in their order.
+pub(super) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark> {
+    (points.iter().enumerate())
+        .map(|(k, point)| Mark {
+            at: point.position,
+            label: (k + 1).to_string(),
+            normal: point.normal,
+            text: format!(
+                "σ here {}, then {}",
+                unit.text(point.sigma_before),
+                unit.text(point.sigma_after)
+            ),
+        })
+        .collect()
+}

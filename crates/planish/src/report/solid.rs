@@ -1,0 +1,251 @@
+//! The report of solids that a drawing means.
+
+use super::fit::sentence;
+use super::title_of;
+use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
+use planish_estimate::Result;
+use planish_mesh::BoundingBox;
+use planish_report::numbers::{counted, significant};
+use planish_report::{Block, Figure, Finding, Level, LineSet, Page, Scene, Section, SurfaceShown, Table, plot};
+use planish_solid::brep::Solid;
+use planish_solid::tessellation::tessellate;
+use planish_solid::views::{Drawing, LineStyle};
+use std::path::PathBuf;
+
+/// Solids that are shown side by side, at most.
+const MOST_SOLIDS: usize = 6;
+/// From one solid to the next, over the width of the first.
+const APART: f64 = 1.35;
+/// Lines that none explains, named one by one.
+const MOST_LINES: usize = 20;
+/// Faces that meet at less than this angle in degrees have no edge that is drawn.
+const SMOOTH_DEG: f64 = 20.0;
+
+/// The page of solids, best first.
+pub(crate) fn solid_page(
+    report: &SolidReport,
+    drawing: &Drawing,
+    solids: &[&Solid],
+    tolerance: f64,
+    views: &[PathBuf],
+) -> Result<Page> {
+    let unit = report.unit.name();
+    let mut scene = Scene {
+        unit: unit.to_owned(),
+        ..Scene::default()
+    };
+    let mut across = 0.0;
+    for (k, solid) in solids.iter().take(MOST_SOLIDS).enumerate() {
+        let Ok(mut mesh) = tessellate(solid, tolerance) else {
+            continue;
+        };
+        if let Some(bounds) = BoundingBox::of(&mesh.positions)
+            && across == 0.0
+        {
+            across = APART * (bounds.max[0] - bounds.min[0]);
+        }
+        for p in &mut mesh.positions {
+            p[0] += across * k as f64;
+        }
+        let name = format!("solution {}", k + 1);
+        scene.lines.push(LineSet {
+            name: format!("edges of {name}"),
+            segments: mesh_edges(&mesh.positions, &mesh.triangles),
+            ..LineSet::default()
+        });
+        scene.surfaces.push(SurfaceShown {
+            name,
+            positions: mesh.positions,
+            triangles: mesh.triangles,
+            flat: true,
+            ..SurfaceShown::default()
+        });
+    }
+    let drawings = (drawing.views.iter())
+        .map(|view| Block::Drawing {
+            svg: plot::lines(
+                &(view.curves.iter())
+                    .map(|curve| (curve.curve.points(), curve.style == LineStyle::Hidden))
+                    .collect::<Vec<_>>(),
+            ),
+            caption: format!("The {} view as it was read; dashed lines are hidden.", view.kind.name()),
+        })
+        .collect();
+    let headline = match report.solutions.len() {
+        0 => "No solid has these views.".to_owned(),
+        1 => "One solid has these views.".to_owned(),
+        n => format!("{n} solids have these views; they stand side by side, the best on the left."),
+    };
+    let figures = (report.solutions.first()).map_or_else(Vec::new, |best| {
+        vec![
+            Figure::new("volume", format!("{} {unit}³", significant(best.volume, 5)), ""),
+            Figure::new("area", format!("{} {unit}²", significant(best.area, 5)), ""),
+            Figure::new("faces", faces(&best.faces), ""),
+        ]
+    });
+    Ok(Page {
+        job: "solid".to_owned(),
+        title: title_of(views),
+        headline,
+        findings: findings(report),
+        figures,
+        scene: (!scene.surfaces.is_empty()).then_some(scene),
+        drawings: Vec::new(),
+        sections: sections(report, drawings, unit),
+    })
+}
+
+/// Edges of a mesh at which its facets bend.
+fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 2]> {
+    use planish_estimate::vector3::{cross, dot, sub, unit};
+    use std::collections::BTreeMap;
+    let mut sides: BTreeMap<[u32; 2], Vec<[f64; 3]>> = BTreeMap::new();
+    for t in triangles {
+        let [a, b, c] = t.map(|k| positions[k as usize]);
+        let Some(normal) = unit(cross(sub(b, a), sub(c, a))) else {
+            continue;
+        };
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            sides.entry([a.min(b), a.max(b)]).or_default().push(normal);
+        }
+    }
+    let smooth = SMOOTH_DEG.to_radians().cos();
+    (sides.into_iter())
+        .filter(|(_, normals)| normals.len() != 2 || dot(normals[0], normals[1]) < smooth)
+        .map(|(ends, _)| ends.map(|k| positions[k as usize]))
+        .collect()
+}
+
+fn faces(counts: &FaceCounts) -> String {
+    let all = [
+        (counts.plane, "plane", "planes"),
+        (counts.cylinder, "cylinder", "cylinders"),
+        (counts.cone, "cone", "cones"),
+        (counts.sphere, "sphere", "spheres"),
+        (counts.torus, "torus", "tori"),
+        (counts.freeform, "free form", "free forms"),
+    ];
+    let some: Vec<String> = (all.iter().filter(|(n, ..)| *n > 0))
+        .map(|(n, one, many)| format!("{n} {}", if *n == 1 { one } else { many }))
+        .collect();
+    some.join(", ")
+}
+
+fn findings(report: &SolidReport) -> Vec<Finding> {
+    let mut found: Vec<Finding> = (report.warnings.iter())
+        .map(|w| Finding::new(Level::Look, sentence(w)))
+        .collect();
+    match report.solutions.len() {
+        0 => found.push(Finding::new(
+            Level::Bad,
+            "No solid explains all lines: those that none explains are named below.",
+        )),
+        1 if report.complete => found.push(Finding::new(
+            Level::Good,
+            "There is exactly one solid with these views, and it shows the lines of the drawing.",
+        )),
+        1 => {}
+        n => found.push(Finding::new(
+            Level::Look,
+            format!("The drawing does not tell {n} solids apart: a further view would."),
+        )),
+    }
+    if let Some(geometry) = &report.geometry {
+        let level = if geometry.p_value < 0.001 {
+            Level::Look
+        } else {
+            Level::Good
+        };
+        found.push(Finding::new(
+            level,
+            format!(
+                "The views agree with χ² {} and {} degrees of freedom (p {}).",
+                significant(geometry.chi_square, 3),
+                geometry.degrees,
+                significant(geometry.p_value, 2)
+            ),
+        ));
+    }
+    found
+}
+
+fn lines_table(lines: &[UnexplainedLine]) -> Table {
+    let mut table = Table::new(["view", "entity", "why"]);
+    for line in lines.iter().take(MOST_LINES) {
+        let entity = line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
+        table.row([line.view.to_owned(), entity, line.why.clone()], false);
+    }
+    table
+}
+
+fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
+    let mut sections = Vec::new();
+    if !report.solutions.is_empty() {
+        let volume = format!("volume / {unit}³");
+        let area = format!("area / {unit}²");
+        let mut table = Table::new(["solution", &volume, &area, "faces", "cost"]);
+        for s in &report.solutions {
+            table.row(
+                [
+                    s.rank.to_string(),
+                    significant(s.volume, 6),
+                    significant(s.area, 6),
+                    faces(&s.faces),
+                    significant(s.cost, 4),
+                ],
+                false,
+            );
+        }
+        sections.push(Section::new("Solutions", vec![Block::Table(table)]));
+    }
+    if let Some(geometry) = &report.geometry {
+        let sigma = format!("σ / {unit}");
+        let value = format!("value / {unit}");
+        let mut table = Table::new(["size", &value, &sigma]);
+        for dimension in &geometry.dimensions {
+            let name = match dimension.kind {
+                DimensionKind::Extent => format!("extent along {}", dimension.name),
+                DimensionKind::Length => format!("length {}", dimension.name),
+                DimensionKind::Diameter => format!("diameter {}", dimension.name),
+            };
+            table.row(
+                [
+                    name,
+                    significant(dimension.value, 6),
+                    dimension.sigma.map_or("not known".to_owned(), |s| significant(s, 2)),
+                ],
+                dimension.sigma.is_none(),
+            );
+        }
+        sections.push(Section::new("Sizes", vec![Block::Table(table)]));
+        for view in &geometry.views {
+            if !view.constraints.is_empty() {
+                sections.push(Section::new(
+                    format!("Constraints of the {} view", view.view),
+                    vec![Block::Lines(view.constraints.join("\n"))],
+                ));
+            }
+        }
+    }
+    sections.push(Section::new("Views", drawings));
+    if !report.unexplained.is_empty() {
+        sections.push(Section::new(
+            "Lines that no solid explains",
+            vec![Block::Table(lines_table(&report.unexplained))],
+        ));
+    }
+    for refused in report.refused.iter().take(3) {
+        sections.push(Section::new(
+            format!("A solid that was refused, {} {unit}³", significant(refused.volume, 5)),
+            vec![
+                Block::Text(format!(
+                    "{} of it differ from the drawing.",
+                    counted(refused.differences.len(), "line")
+                )),
+                Block::Table(lines_table(&refused.differences)),
+            ],
+        ));
+    }
+    sections
+}

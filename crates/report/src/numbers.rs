@@ -1,0 +1,72 @@
+//! Numbers as people read them, on the command line and in reports.
+
+/// A number to so many significant digits, without an exponent where it stays short.
+#[must_use]
+pub fn significant(value: f64, digits: usize) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = value.abs().log10().floor() as i32;
+    if !(-4..6).contains(&exponent) {
+        return format!("{value:.*e}", digits - 1);
+    }
+    let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// A count with its thousands apart.
+#[must_use]
+pub fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            // Four digits are read at a glance.
+            if digits.len() > 4 {
+                text.push(' ');
+            }
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// A share in per cent.
+#[must_use]
+pub fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// `1 scan`, `2 scans`.
+#[must_use]
+pub fn counted(n: usize, what: &str) -> String {
+    format!("{} {what}{}", count(n), if n == 1 { "" } else { "s" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_leading_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (1234.567, "1235"),
+            (-0.012_345, "-0.01235"),
+            (1.0, "1.000"),
+            (1.5e-9, "1.500e-9"),
+            (3e7, "3.000e7"),
+            (f64::NAN, "–"),
+        ] {
+            assert_eq!(significant(value, 4), text);
+        }
+        assert_eq!(
+            [count(7), count(1234), count(12345), count(1_234_567)],
+            ["7", "1234", "12 345", "1 234 567"]
+        );
+        assert_eq!([counted(1, "face"), counted(2, "face")], ["1 face", "2 faces"]);
+    }
+}
