@@ -15,8 +15,10 @@ use planish_exchange::dxf::read_dxf;
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
+use planish_exchange::poses::read_poses;
 use planish_exchange::svg::read_svg;
 use planish_exchange::textured::{read_materials, read_textured};
+use planish_exchange::views::read_views;
 use planish_exchange::{extension, read_inputs};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -70,6 +72,8 @@ pub const TARGETS: &[Target] = &[
     Target { name: "pgm",      file: "p.pgm",     valid: valid::pgms,       words: PGM,  mend: as_it_is,   read: picture },
     Target { name: "stereo",   file: "s.toml",    valid: valid::stereos,    words: CAMERA, mend: as_it_is, read: stereo_calibration },
     Target { name: "view",     file: "v.toml",    valid: valid::views,      words: CAMERA, mend: as_it_is, read: view_sensor },
+    Target { name: "views",    file: "v.toml",    valid: valid::mask_views, words: VIEWS, mend: as_it_is,  read: mask_views },
+    Target { name: "poses",    file: "p.toml",    valid: valid::poses,      words: POSES, mend: as_it_is,  read: shell_poses },
     Target { name: "grid",     file: "g.toml",    valid: valid::grids,      words: GRID, mend: as_it_is, read: grid_calibration },
     Target { name: "lights",   file: "l.toml",    valid: valid::lights,     words: LIGHTS, mend: as_it_is, read: lights },
     Target { name: "dxf",      file: "a.dxf",     valid: valid::dxfs,       words: DXF,  mend: as_it_is,   read: dxf },
@@ -344,6 +348,36 @@ const CAMERA: &[&str] = &[
     "unit", "\"m\"", "fx", "fy", "cx", "cy", "scale", "sigma_a", "sigma_b", "=", "[a]", "\n",
 ];
 
+const VIEWS: &[&str] = &[
+    "unit", "[[view]]", "K", "R", "t", "P", "name", "mask", "contours", "held_out", "true", "sigma_px", "tracks", "=",
+    "[", "]", "\n",
+];
+
+const POSES: &[&str] = &[
+    "controls",
+    "blend",
+    "[[rigid]]",
+    "part",
+    "motion",
+    "\"held\"",
+    "[[pose]]",
+    "name",
+    "move",
+    "near",
+    "within",
+    "by",
+    "control",
+    "[[keyframe]]",
+    "seconds",
+    "weights",
+    "=",
+    "[",
+    "]",
+    "{",
+    "}",
+    "\n",
+];
+
 const PGM: &[&str] = &["P2", "P3", "P5", "P6", "255", "65535", "#", "\n", " ", "4294967296"];
 const GRID: &[&str] = &[
     "unit",
@@ -583,6 +617,14 @@ fn stereo_calibration(path: &Path) -> Result<()> {
 
 fn view_sensor(path: &Path) -> Result<()> {
     read_view_sensor(path).map(drop)
+}
+
+fn mask_views(path: &Path) -> Result<()> {
+    read_views(path).map(drop)
+}
+
+fn shell_poses(path: &Path) -> Result<()> {
+    read_poses(path).map(drop)
 }
 
 fn grid_calibration(path: &Path) -> Result<()> {

@@ -550,6 +550,30 @@ pub fn views() -> Result<Vec<Vec<u8>>> {
     ])
 }
 
+/// Cameras with masks; no files beside them are named that would have to be there.
+pub fn mask_views() -> Result<Vec<Vec<u8>>> {
+    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
+    let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 900.0]\n";
+    let projection = "P = [[900, 0, 320, 1000], [0, 900, 240, 2000], [0, 0, 1, 800]]\n";
+    Ok(vec![
+        format!(
+            "unit = \"mm\"\nmask_threshold = 40\nsigma_rotation_deg = 1.0\nsigma_translation = 2\n[[view]]\nmask = \"a.png\"\n{k}{posed}[[view]]\nname = \"b\"\nheld_out = true\n{projection}"
+        )
+        .into_bytes(),
+    ])
+}
+
+/// Poses of a mesh with keyframes.
+pub fn poses() -> Result<Vec<Vec<u8>>> {
+    let pose = "[[pose]]\nname = \"up\"\nmove = [{ near = [10, 0, 2], by = [0, 3, 0] }, { near = [0, 0, 0], within = 6, by = [0, 1, 0] }, { control = 7, by = [0, 3, 0] }]\n";
+    let frames = "[[keyframe]]\nseconds = 0\nweights = { up = 0 }\n[[keyframe]]\nseconds = 1.5\nweights = { up = 1 }\n";
+    Ok(vec![
+        format!("controls = 60\nblend = 2.0\n[[rigid]]\npart = \"head\"\nmotion = \"held\"\n{pose}{frames}")
+            .into_bytes(),
+        format!("controls = [[0, 0, 0], [1.0, 2.0, 3.0]]\n{pose}").into_bytes(),
+    ])
+}
+
 /// A camera and a projector of crossed stripes.
 pub fn grids() -> Result<Vec<Vec<u8>>> {
     let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";

@@ -18,12 +18,14 @@ Examples:
   planish shell fit mesh.obj --points cloud.ply -o fitted.ply -o fitted.glb
   planish shell fit ball.ply --silhouettes views.toml --controls 100 -o fitted.ply
   planish shell fit mesh.ply --points cloud.ply --silhouettes views.toml -o fitted.obj
+  planish shell fit person.obj --points cloud.ply --rigid head -o fitted.glb
   planish shell fit body.ply --sequence frames --controls 40 -o moved.ply
 
 Points are read as by `planish fit`, with σ or covariance where the file has them. views.toml holds a table [[view]] for each view: K, R and t (X_camera = R X + t; x right, y down, pixel \
 centres at integers) or P, and mask = \"a.png\"; optionally name, image, contours = \"a.csv\" (x,y of places on outlines inside of the mask), held_out = true (the view only judges), and for one view or \
 for all: mask_threshold, mask_least_share (specks and holes below it are filled), sigma_px, and sigma_rotation_deg with sigma_translation, which make its pose one of the unknowns. tracks = \"tracks.csv\" (track,view,x,y) beside them holds features that were followed over views.
-Meshes need neither be closed nor manifold; for silhouettes their faces have to be turned the same way. PLY and GLB hold sigma, along the normal, and observed: 1 where more than half of what is known comes from the readings.";
+Meshes need neither be closed nor manifold; for silhouettes their faces have to be turned the same way. PLY and GLB hold sigma, along the normal, and observed: 1 where more than half of what is known comes from the readings. \
+Where an OBJ has texture coordinates, OBJ and GLB keep them and its texture, and PLY holds sigma. Rigid parts turn by small angles only: what is fitted is linear in them.";
 
 /// Arguments of `planish shell fit`.
 #[derive(Debug, Args)]
@@ -56,6 +58,12 @@ pub struct ShellFitArgs {
     /// A member of the family whose modes move the mesh, with the same vertices (repeatable; two at least)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, required_if_eq("deformation", "modes"))]
     pub family: Vec<PathBuf>,
+    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices (repeatable)
+    #[arg(long, value_name = "PART")]
+    pub rigid: Vec<String>,
+    /// Over which length rigid parts fade into the rest [default: a tenth of the mesh's size]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, requires = "rigid")]
+    pub blend: Option<f64>,
     /// What the shell is built around: facets, or spheres about small pieces of them
     #[arg(long, value_enum, default_value_t = MetaballName::Triangular)]
     pub metaball: MetaballName,
@@ -110,6 +118,8 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         controls_file: args.controls_file.clone(),
         family: args.family.clone(),
         metaball: args.metaball.into(),
+        rigid: args.rigid.clone(),
+        blend: args.blend,
         outline_step_px: args.outline_step,
         believe_sigma: args.believe_sigma,
         outputs: args.output.clone(),

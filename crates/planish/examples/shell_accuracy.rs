@@ -1,6 +1,8 @@
 //! The table of docs/shells.md: meshes deformed by known controls, noisy points of them with gross errors, and how far the fitted shell is from the truth beside a fit that is told which place of the mesh each point is of.
 //!
 //! `cargo run --release -p planish --example shell_accuracy POINTS CONTROLS MESH...`
+//!
+//! `fins:MESH` is the mesh with a fin around its middle, glued on: every edge at its root has three facets.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -29,16 +31,57 @@ fn main() -> Result<()> {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for path in &arguments[2..] {
-        let file = read_mesh(path.as_ref())?;
-        let mesh = TriangleMesh {
+        let file = read_mesh(path.trim_start_matches("fins:").as_ref())?;
+        let mut mesh = TriangleMesh {
             positions: file.points,
             triangles: file.triangles,
         };
+        if path.starts_with("fins:") {
+            mesh = with_fins(&mesh)?;
+        }
         for metaball in [Metaball::Triangular, Metaball::Spherical] {
             one(path, &mesh, points, controls, metaball)?;
         }
     }
     Ok(())
+}
+
+/// The mesh with a fin where its facets cross the middle of its longest side: 6 % of its size high, along normals.
+fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
+    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("an empty mesh"))?;
+    let sides = sub(bounds.max, bounds.min);
+    let axis = (0..3).fold(0, |best, k| if sides[k] > sides[best] { k } else { best });
+    let mut made = mesh.welded();
+    let normals = made.vertex_normals();
+    let low: Vec<bool> = (made.triangles.iter())
+        .map(|t| t.iter().map(|v| made.positions[*v as usize][axis]).sum::<f64>() < 3.0 * bounds.center()[axis])
+        .collect();
+    // Edges of the lower part that the upper has the other way round.
+    let upper: std::collections::HashSet<[u32; 2]> = (made.triangles.iter().zip(&low))
+        .filter(|(_, low)| !**low)
+        .flat_map(|(t, _)| (0..3).map(|k| [t[k], t[(k + 1) % 3]]))
+        .collect();
+    let roots: Vec<[u32; 2]> = (made.triangles.iter().zip(&low))
+        .filter(|(_, low)| **low)
+        .flat_map(|(t, _)| (0..3).map(|k| [t[k], t[(k + 1) % 3]]))
+        .filter(|[a, b]| upper.contains(&[*b, *a]))
+        .collect();
+    let mut tips = std::collections::HashMap::new();
+    for [a, b] in roots {
+        let [c, d] = [a, b].map(|v| {
+            *tips.entry(v).or_insert_with(|| {
+                let tip = add_scaled(
+                    made.positions[v as usize],
+                    0.06 * bounds.diagonal(),
+                    normals[v as usize],
+                );
+                made.positions.push(tip);
+                made.positions.len() as u32 - 1
+            })
+        });
+        made.triangles.extend([[a, b, d], [a, d, c]]);
+    }
+    Ok(made)
 }
 
 fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball: Metaball) -> Result<()> {
@@ -167,7 +210,8 @@ fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball:
         .count();
     let of_good = good.iter().filter(|good| **good).count();
     let check = mesh.welded().check();
-    let name = path.rsplit('/').next().unwrap_or(path);
+    let fins = if path.starts_with("fins:") { ", with a fin" } else { "" };
+    let name = format!("{}{fins}", path.rsplit('/').next().unwrap_or(path));
     println!(
         "| {name} | {} | {metaball:?} | {} / {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.3} | {:.3} | {:.4} | {seconds:.1} |",
         mesh.triangles.len(),

@@ -1,6 +1,7 @@
 //! `planish shell`: any mesh, wrapped in an implicit shell and moved by a few controls.
 
 pub mod fit;
+mod looks;
 pub(crate) mod overlap;
 pub mod pose;
 pub mod surface;

@@ -1,12 +1,13 @@
 //! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of views.
 //!
-//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
+//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals, or with the texture of an OBJ; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
 //!
 //! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or that does not overlap its masks.
 
 mod input;
 mod report;
 
+use super::looks::{picture_of, write_moved};
 use super::overlap::intersection_over_union;
 use super::surface::check_outputs;
 use crate::mesh_output::write_known_mesh;
@@ -15,7 +16,8 @@ use crate::progress::{Progress, WRITING_STAGE};
 use input::{Frame, FrameFiles, Moved, Units};
 use planish_estimate::{Error, Result, Termination};
 use planish_exchange::Unit;
-use planish_exchange::mesh::{is_mesh_file, read_mesh};
+use planish_exchange::mesh::is_mesh_file;
+use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_mesh::{BoundingBox, TriangleMesh};
 pub use planish_shell::Metaball;
 use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellTracker, SourceFit, fit_shell};
@@ -61,6 +63,10 @@ pub struct ShellFitJob {
     pub controls_file: Option<PathBuf>,
     /// The family whose modes move the mesh: the same vertices in every file.
     pub family: Vec<PathBuf>,
+    /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
+    pub rigid: Vec<String>,
+    /// Over which length they fade into the rest; a tenth of the mesh's size where none is given.
+    pub blend: Option<f64>,
     /// What metaballs are built around.
     pub metaball: Metaball,
     /// Places on the border of a mask are at least so far apart, in pixels.
@@ -217,13 +223,13 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     let outputs = outputs_of(job, &frames, &inputs)?;
     progress.check("reading", 0.0)?;
     let mut units = Units::of(job.unit);
-    let mut mesh = read_template(job, &mut units)?;
+    let (mut mesh, looks) = read_template(job, &mut units)?;
     let Moved {
         deformation,
         stiffness,
         prior,
         controls,
-    } = input::moved(job, &mut mesh)?;
+    } = input::moved(job, &mut mesh, &looks)?;
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
     let options = ShellFitOptions {
         metaball: job.metaball,
@@ -237,7 +243,10 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         Some(_) => Some(ShellTracker::new(&mesh, &*deformation, options.clone())?),
         None => None,
     };
-    let (mut warnings, mut of_frames, mut last) = (Vec::new(), Vec::new(), None);
+    inputs.extend(looks.files.iter().cloned());
+    let (mut warnings, mut of_frames, mut last) = (looks.warnings.clone(), Vec::new(), None);
+    let picture = picture_of(&looks, &mut warnings);
+    let mut written = Vec::new();
     for (k, files) in frames.iter().enumerate() {
         let stage = if tracker.is_some() { "following" } else { "fitting" };
         progress.check(stage, 0.05 + 0.9 * k as f64 / frames.len() as f64)?;
@@ -267,7 +276,17 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         };
         let (normals, sigma, observed) = report::known(&found, &made, &*deformation);
         for output in &outputs[k] {
-            write_known_mesh(output, &found, &normals, &sigma, &observed, units.unit())?;
+            let textured = TexturedMesh {
+                unit: Some(units.unit()),
+                ..looks.clone()
+            };
+            match write_moved(output, &textured, &found.positions, picture.as_deref())? {
+                Some(files) => written.extend(files),
+                None => {
+                    write_known_mesh(output, &found, &normals, &sigma, &observed, units.unit())?;
+                    written.push(output.clone());
+                }
+            }
         }
         let iou = overlap(&frame, &found, &made.cameras);
         if tracker.is_some() {
@@ -327,7 +346,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         },
         unit: units.unit(),
         inputs,
-        written: outputs.concat(),
+        written,
         warnings,
     })
 }
@@ -354,19 +373,21 @@ fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> R
     Ok(planned)
 }
 
-fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<TriangleMesh> {
-    let file = read_mesh(&job.mesh)?;
+/// The mesh, and what it looks like.
+fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, TexturedMesh)> {
+    let file = read_textured(&job.mesh)?;
     units.add(file.unit, &job.mesh)?;
-    match file.triangles.is_empty() {
-        true => Err(Error::undetermined(format!(
+    if file.triangles.is_empty() {
+        return Err(Error::undetermined(format!(
             "{}: has no faces: a shell needs a mesh",
             job.mesh.display()
-        ))),
-        false => Ok(TriangleMesh {
-            positions: file.points,
-            triangles: file.triangles,
-        }),
+        )));
     }
+    let mesh = TriangleMesh {
+        positions: file.points.clone(),
+        triangles: file.triangles.clone(),
+    };
+    Ok((mesh, file))
 }
 
 /// How far what each view shows of a mesh agrees with its mask.

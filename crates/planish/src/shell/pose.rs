@@ -30,6 +30,7 @@
 //!
 //! Not guaranteed: that a posed mesh does not cross itself.
 
+use super::looks::{NamedPlaces, normals_of, picture_of, write_glb, write_obj};
 use super::surface::check_outputs;
 use crate::progress::{Progress, WRITING_STAGE};
 use nalgebra::DVector;
@@ -37,10 +38,10 @@ use planish_estimate::vector3::{add, distance};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::extension;
-use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
+use planish_exchange::glb::Keyframe;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
-use planish_exchange::textured::{TexturedMesh, read_bytes, read_textured, read_vertex_list, write_textured_obj};
+use planish_exchange::textured::{TexturedMesh, read_textured, read_vertex_list};
 use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
 use serde::Serialize;
@@ -49,7 +50,7 @@ use std::path::{Path, PathBuf};
 /// Controls where nothing is said.
 const USUAL_CONTROLS: usize = 60;
 /// The blend where none is given, as a share of the mesh's size.
-const USUAL_BLEND: f64 = 0.1;
+pub(super) const USUAL_BLEND: f64 = 0.1;
 
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
@@ -272,13 +273,6 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]]) -> Result<(DVector<f64>, 
     ))
 }
 
-/// The bytes of the texture; a warning where there should be some and are none.
-fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Option<Vec<u8>> {
-    read_bytes(file.texture.as_ref()?)
-        .map_err(|e| warnings.push(format!("the texture is left out: {e}")))
-        .ok()
-}
-
 /// Writes one file, and what belongs to it.
 fn write(
     path: &Path,
@@ -288,27 +282,11 @@ fn write(
     targets: &[Vec<[f64; 3]>],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
-    let is_png = |bytes: &&[u8]| bytes.starts_with(b"\x89PNG");
-    let is_jpeg = |bytes: &&[u8]| bytes.starts_with(&[0xff, 0xd8]);
-    let normals_of = |points: &[[f64; 3]]| {
-        TriangleMesh {
-            positions: points.to_vec(),
-            triangles: mesh.triangles.clone(),
-        }
-        .vertex_normals()
-    };
+    let points = targets.first().unwrap_or(&mesh.positions);
     match extension(path).as_str() {
         "glb" => {
-            let split = file.split();
-            let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> {
-                split.vertex_of.iter().map(|v| values[*v as usize]).collect()
-            };
-            let morphs: Vec<MorphTarget> = (poses.poses.iter().zip(targets))
-                .map(|(pose, points)| MorphTarget {
-                    name: pose.name.clone(),
-                    points: of(points),
-                    normals: of(&normals_of(points)),
-                })
+            let named: Vec<NamedPlaces<'_>> = (poses.poses.iter().zip(targets))
+                .map(|(pose, places)| (pose.name.as_str(), &places[..]))
                 .collect();
             let keyframes: Vec<Keyframe> = (poses.keyframes.iter())
                 .map(|frame| Keyframe {
@@ -316,36 +294,16 @@ fn write(
                     weights: frame.weights.clone(),
                 })
                 .collect();
-            write_posed(
-                path,
-                &PosedMesh {
-                    points: &of(&mesh.positions),
-                    normals: &of(&normals_of(&mesh.positions)),
-                    triangles: &split.triangles,
-                    uv: &split.uv,
-                    picture: picture.filter(|bytes| is_png(bytes) || is_jpeg(bytes)),
-                    targets: &morphs,
-                    keyframes: &keyframes,
-                    unit: file.unit,
-                    ..PosedMesh::default()
-                },
-            )?;
+            write_glb(path, file, &mesh.positions, &named, &keyframes, picture)?;
             Ok(vec![path.to_owned()])
         }
-        "obj" => {
-            let posed = TexturedMesh {
-                points: targets.first().unwrap_or(&mesh.positions).clone(),
-                ..file.clone()
-            };
-            write_textured_obj(path, &posed, picture.filter(is_png))
-        }
+        "obj" => write_obj(path, file, points, picture),
         _ => {
-            let points = targets.first().unwrap_or(&mesh.positions);
             write_mesh(
                 path,
                 &MeshColumns {
                     points,
-                    normals: Some(&normals_of(points)),
+                    normals: Some(&normals_of(points, &mesh.triangles)),
                     triangles: &mesh.triangles,
                     unit: file.unit,
                     ..MeshColumns::default()

@@ -64,6 +64,8 @@ pub(super) struct Equation {
     /// Ends of its entries by vertices and by poses.
     vertices_end: u32,
     poses_end: u32,
+    /// Whether derivatives were left out, as it weighs nothing.
+    lacks_derivatives: bool,
 }
 
 impl Equation {
@@ -90,6 +92,7 @@ impl Equations {
         vertices: &mut Vec<(u32, [f64; 3])>,
         poses: &[(u32, [f64; 6])],
     ) {
+        // Stable: sums are made in one order.
         vertices.sort_by_key(|(vertex, _)| *vertex);
         let start = self.by_vertices.len();
         for (vertex, by) in vertices.drain(..) {
@@ -108,7 +111,24 @@ impl Equations {
             sigma,
             vertices_end: self.by_vertices.len() as u32,
             poses_end: self.by_poses.len() as u32,
+            lacks_derivatives: false,
         });
+    }
+
+    /// Adds an equation that weighs nothing.
+    pub(super) fn push_without_derivatives(&mut self, source: Source, reading: u32, residual: (f64, f64)) {
+        self.push(source, reading, residual, &mut Vec::new(), &[]);
+        if let Some(last) = self.list.last_mut() {
+            last.lacks_derivatives = true;
+        }
+    }
+
+    /// Whether an equation without derivatives now has a weight.
+    pub(super) fn lack_derivatives(all: &[Self], loss: &Loss, factors: &[f64; SCALES]) -> bool {
+        (all.iter().flat_map(|some| &some.list)).any(|e| {
+            let factor = factors[e.source.scale()];
+            e.lacks_derivatives && e.source.loss(loss).weight(e.normalized() / factor) > 0.0
+        })
     }
 
     /// Each equation with its entries.

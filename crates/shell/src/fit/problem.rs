@@ -8,7 +8,7 @@
 //! - A pixel inside of a mask must hit, one outside must not: the same minimum counts while its sign is wrong.
 //! - A track: [`super::tracks`].
 
-use super::equations::{Equations, Source};
+use super::equations::{ByVertex, Equations, SCALES, Source};
 use super::readings::{OutlineKind, ShellReadings};
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
@@ -17,7 +17,7 @@ use crate::deformation::{Deformation, displaced};
 use crate::field::{Share, Shell, ShellOptions};
 use nalgebra::DVector;
 use planish_estimate::vector3::scale;
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, Loss, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 
@@ -26,6 +26,8 @@ const POINTS: usize = 256;
 const LINES: usize = 48;
 /// Where the shell is all but parallel to the image, a pixel still stands for this share of its width there.
 const LEAST_SLOPE: f64 = 0.3;
+/// A point is left without derivatives if it would weigh nothing were its σ as many times larger: factors of σ change from step to step.
+const SURELY: f64 = 2.0;
 
 /// What is estimated.
 #[derive(Debug, Clone)]
@@ -45,6 +47,53 @@ pub(super) struct Problem<'a> {
     pub shell: ShellOptions,
     /// Which views have a pose in the state, and where.
     pub slots: &'a [Option<u32>],
+    /// The points that are looked at; all, where none are given.
+    pub chosen: Option<&'a [u32]>,
+}
+
+/// What readings are weighed by: those that weigh nothing need no derivatives.
+#[derive(Clone, Copy)]
+pub(super) struct Weighing<'a> {
+    pub loss: &'a Loss,
+    pub factors: [f64; SCALES],
+}
+
+impl Weighing<'_> {
+    fn leaves_out(&self, source: Source, normalized: f64) -> bool {
+        let factor = SURELY * self.factors[source.scale()];
+        source.loss(self.loss).weight(normalized / factor) <= 0.0
+    }
+}
+
+/// Derivatives of one equation by vertices, added up as they come.
+#[derive(Default)]
+struct Gathered {
+    /// One more than the place of each vertex in the list; zero where it is not there.
+    places: Vec<u32>,
+    list: Vec<ByVertex>,
+}
+
+impl Gathered {
+    fn add(&mut self, vertex: u32, by: [f64; 3]) {
+        let v = vertex as usize;
+        if v >= self.places.len() {
+            self.places.resize(v + 1, 0);
+        }
+        if self.places[v] == 0 {
+            self.list.push((vertex, [0.0; 3]));
+            self.places[v] = self.list.len() as u32;
+        }
+        let sum = &mut self.list[self.places[v] as usize - 1].1;
+        sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
+    }
+
+    /// The sums; what is kept of them is forgotten.
+    fn take(&mut self) -> &mut Vec<ByVertex> {
+        for (vertex, _) in &self.list {
+            self.places[*vertex as usize] = 0;
+        }
+        &mut self.list
+    }
 }
 
 /// A piece of work.
@@ -70,8 +119,8 @@ impl Problem<'_> {
         }
     }
 
-    /// The equations of all readings.
-    pub(super) fn equations(&self, state: &State) -> Result<Vec<Equations>> {
+    /// The equations of all readings that are looked at. With a `weighing`, points that weigh nothing by far come without derivatives ([`Equations::lack_derivatives`]).
+    pub(super) fn equations(&self, state: &State, weighing: Option<Weighing<'_>>) -> Result<Vec<Equations>> {
         let own = self.moved(&state.q);
         let subdivided = self.origins.map(|origins| TriangleMesh {
             positions: (origins.iter())
@@ -88,7 +137,7 @@ impl Problem<'_> {
         let sight = search
             .as_ref()
             .map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
-        let mut work: Vec<Work> = (pieces(self.readings.points.len(), POINTS))
+        let mut work: Vec<Work> = (pieces(self.chosen.map_or(self.readings.points.len(), <[u32]>::len), POINTS))
             .map(|(a, b)| Work::Points(a, b))
             .collect();
         for (v, view) in self.readings.views.iter().enumerate().filter(|_| lines) {
@@ -98,23 +147,40 @@ impl Problem<'_> {
         }
         work.extend(pieces(self.readings.tracks.len(), LINES).map(|(a, b)| Work::Tracks(a, b)));
         Ok((work.into_par_iter())
-            .map(|work| self.work(work, state, &shell, sight.as_ref()))
+            .map_init(Gathered::default, |gathered, work| {
+                self.work(work, state, &shell, sight.as_ref(), weighing, gathered)
+            })
             .collect())
     }
 
-    fn work(&self, work: Work, state: &State, shell: &Shell<'_>, sight: Option<&Sight<'_>>) -> Equations {
+    fn work(
+        &self,
+        work: Work,
+        state: &State,
+        shell: &Shell<'_>,
+        sight: Option<&Sight<'_>>,
+        weighing: Option<Weighing<'_>>,
+        gathered: &mut Gathered,
+    ) -> Equations {
         let mut made = Equations::default();
         let mut shares = Vec::new();
         match (work, sight) {
             (Work::Points(a, b), _) => {
-                let mut vertices = Vec::new();
-                for (i, point) in self.readings.points.iter().enumerate().take(b).skip(a) {
+                for place in a..b {
+                    let i = self.chosen.map_or(place, |chosen| chosen[place] as usize);
+                    let point = &self.readings.points[i];
                     let Some(found) = shell.distance(point.at, &mut shares) else {
                         continue;
                     };
-                    shell.by_vertices(point.at, &shares, &found, |v, by| self.give(v, by, &mut vertices));
                     let residual = (found.distance, point.sigma(found.gradient));
-                    made.push(Source::Point, i as u32, residual, &mut vertices, &[]);
+                    if weighing.is_some_and(|w| w.leaves_out(Source::Point, residual.0 / residual.1)) {
+                        made.push_without_derivatives(Source::Point, i as u32, residual);
+                        continue;
+                    }
+                    shell.by_vertices(point.at, &shares, &found, |v, by| {
+                        self.each_own(v, by, |v, by| gathered.add(v, by))
+                    });
+                    made.push(Source::Point, i as u32, residual, gathered.take(), &[]);
                 }
             }
             (Work::Tracks(a, b), _) => {
@@ -245,12 +311,17 @@ impl Problem<'_> {
     }
 
     /// What a vertex of the wrapped mesh is of that of the deformation.
-    fn give(&self, vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>) {
+    fn give(&self, vertex: u32, by: [f64; 3], to: &mut Vec<ByVertex>) {
+        self.each_own(vertex, by, |vertex, by| to.push((vertex, by)));
+    }
+
+    fn each_own(&self, vertex: u32, by: [f64; 3], mut visit: impl FnMut(u32, [f64; 3])) {
         match self.origins {
-            None => to.push((vertex, by)),
+            None => visit(vertex, by),
             Some(origins) => {
-                let own = origins[vertex as usize].iter().filter(|(_, w)| *w != 0.0);
-                to.extend(own.map(|(v, w)| (*v, by.map(|x| w * x))));
+                for (v, w) in origins[vertex as usize].iter().filter(|(_, w)| *w != 0.0) {
+                    visit(*v, by.map(|x| w * x));
+                }
             }
         }
     }

@@ -3,7 +3,7 @@
 //! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
-use super::problem::{Problem, State};
+use super::problem::{Problem, State, Weighing};
 use super::readings::{PoseNoise, ShellReadings};
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, SourceFit, undetermined};
@@ -30,6 +30,12 @@ const LONGEST: f64 = 0.03;
 const LEAST_READINGS: usize = 8;
 /// Of more unknowns no redundancy is counted: it costs as much as the fit.
 const MOST_COUNTED: usize = 1500;
+/// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the sharp one starts.
+const COARSE_POINTS: (usize, usize) = (12, 5000);
+/// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts that start far away are lost more often.
+const COARSE_REACH: f64 = 4.0;
+/// A step of so many σ, in the mean over the unknowns, is none.
+const SETTLED: f64 = 0.1;
 /// One facet in so many may be turned the wrong way where outlines are fitted.
 const TURNED: usize = 50;
 
@@ -179,6 +185,10 @@ pub(super) fn solve(
     // Parameters that are no displacements have other units.
     let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
+    let few = spread_choice(
+        readings.points.len(),
+        (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1),
+    );
     for step in 0..options.steps {
         let share = if options.steps > 1 {
             step as f64 / (options.steps - 1) as f64
@@ -197,15 +207,16 @@ pub(super) fn solve(
             deformation,
             readings,
             shell: ShellOptions {
-                reach: Some(REACH),
+                reach: Some(if step + 1 < options.steps { COARSE_REACH } else { REACH }),
                 oriented,
                 ..ShellOptions::new(options.metaball, 1.0 / softness)
             },
             slots: &slots,
+            chosen: (step + 1 < options.steps).then_some(few.as_deref()).flatten(),
         };
         let mut damping = 1e-3;
         termination = Termination::Limit;
-        let mut equations = problem.equations(&state)?;
+        let mut equations = problem.equations(&state, None)?;
         let mut weight = 0.0;
         for _ in 0..options.iterations {
             iterations += 1;
@@ -213,6 +224,13 @@ pub(super) fn solve(
                 // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes near.
                 factors = scales(&equations, used, factors)?;
             }
+            if Equations::lack_derivatives(&equations, &options.loss, &factors) {
+                equations = problem.equations(&state, None)?;
+            }
+            let weighing = Weighing {
+                loss: &options.loss,
+                factors,
+            };
             let pass = sum(
                 &equations,
                 deformation,
@@ -234,11 +252,11 @@ pub(super) fn solve(
             for _ in 0..TRIES {
                 let change = bounded_step(&wanted, damping, &slope, parameters, longest)?;
                 let next = moved(&state, &change, &known);
-                let tried = problem.equations(&next)?;
+                let tried = problem.equations(&next, Some(weighing))?;
                 let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
                 if after <= before * (1.0 + 1e-12) {
                     let length = (change.dot(&(&wanted * &change)) / change.len() as f64).sqrt();
-                    shorter = length < 0.02 || before - after < 1e-6 * before;
+                    shorter = length < SETTLED || before - after < 1e-6 * before;
                     accepted = Some((next, tried));
                     damping = (damping * 0.1).max(1e-9);
                     break;
@@ -257,12 +275,15 @@ pub(super) fn solve(
                 break;
             }
         }
+        if step + 1 == options.steps && !options.believe_sigma {
+            factors = scales(&equations, used, factors)?;
+            if Equations::lack_derivatives(&equations, &options.loss, &factors) {
+                equations = problem.equations(&state, None)?;
+            }
+        }
         last = Some((equations, weight));
     }
     let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
-    if !options.believe_sigma {
-        factors = scales(&equations, used, factors)?;
-    }
     finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
         termination,
         iterations,
@@ -353,6 +374,22 @@ fn source_fit(
         rms: (squares / kept.max(1) as f64).sqrt(),
         outliers,
     }
+}
+
+/// About `wanted` of `count` readings, spread evenly whatever their order; `None` for all.
+fn spread_choice(count: usize, wanted: usize) -> Option<Vec<u32>> {
+    if count <= wanted {
+        return None;
+    }
+    let share = wanted as f64 / count as f64;
+    // Multiples of the golden ratio's fraction would follow the rows of a grid: a hash does not.
+    let hashed = |i: u32| {
+        let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (x >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    Some((0..count as u32).filter(|i| hashed(*i) < share).collect())
 }
 
 /// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.

@@ -1,18 +1,20 @@
 //! What a shell is fitted to, read from files.
 
+use super::super::pose::{USUAL_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::read_brightness;
+use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::{ViewFile, Views, read_views};
 use planish_exchange::{Unit, paths_in, read_inputs};
-use planish_mesh::TriangleMesh;
+use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
     Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior,
-    PointReading, ShellReadings, ShellView, Sighting, VertexDisplacements, automatic_controls, nearest_pairs,
-    of_three_coordinates, stiffness,
+    PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView, Sighting, VertexDisplacements,
+    automatic_controls, nearest_pairs, of_three_coordinates, stiffness,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -180,7 +182,35 @@ impl Units {
     }
 }
 
-pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh) -> Result<Moved> {
+/// The deformation that a job asks for, with its rigid parts.
+pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &TexturedMesh) -> Result<Moved> {
+    let inner = without_parts(job, mesh)?;
+    if job.rigid.is_empty() {
+        return Ok(inner);
+    }
+    let Some(stiffness) = &inner.stiffness else {
+        return Err(Error::unsupported(
+            "parts cannot be rigid where modes move the mesh: use controls or a lattice",
+        ));
+    };
+    let mut parts = Vec::new();
+    for part in &job.rigid {
+        parts.push(RigidPart {
+            vertices: part_vertices(looks, part).map_err(|e| e.in_context(job.mesh.display()))?,
+            motion: PartMotion::Free,
+        });
+    }
+    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
+    let blend = job.blend.unwrap_or(USUAL_BLEND * size);
+    let made = RigidParts::new(mesh, inner.deformation, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
+    Ok(Moved {
+        stiffness: Some(made.stiffness(stiffness)),
+        deformation: Box::new(made),
+        ..inner
+    })
+}
+
+fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh) -> Result<Moved> {
     let given = match &job.controls_file {
         Some(path) => Some(
             read_inputs(&[path], job.unit)?

@@ -332,6 +332,7 @@ fn derivatives_are_those_of_differences() {
                 ..ShellOptions::new(Metaball::Triangular, 10.0)
             },
             slots: &slots,
+            chosen: None,
         };
         let way = DVector::from_fn(state.q.len() + 24, |_, _| normal());
         let step = 1e-5;
@@ -340,13 +341,16 @@ fn derivatives_are_those_of_differences() {
                 .map(|(v, camera)| camera.moved(std::array::from_fn(|k| by * way[state.q.len() + 6 * v + k])))
                 .collect();
             problem
-                .equations(&State {
-                    q: &state.q + by * way.rows(0, state.q.len()),
-                    cameras,
-                })
+                .equations(
+                    &State {
+                        q: &state.q + by * way.rows(0, state.q.len()),
+                        cameras,
+                    },
+                    None,
+                )
                 .unwrap()
         };
-        let here = problem.equations(&state).unwrap();
+        let here = problem.equations(&state, None).unwrap();
         let [before, after] = [along(-step), along(step)];
         let basis = crate::deformation::in_basis(&deformation, &way.rows(0, state.q.len()).into_owned());
         for ((here, before), after) in here.iter().zip(&before).zip(&after) {

@@ -1,0 +1,103 @@
+//! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ.
+//!
+//! Comes in: a mesh with its looks, and where its vertices have come to lie. Goes out: OBJ with MTL and picture, or GLB, of the mesh at those places.
+//!
+//! Not guaranteed: more of a material than the picture of its colour.
+
+use planish_estimate::Result;
+use planish_exchange::extension;
+use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
+use planish_exchange::textured::{TexturedMesh, read_bytes, write_textured_obj};
+use planish_mesh::TriangleMesh;
+use std::path::{Path, PathBuf};
+
+/// A pose by its name, and where it brings the vertices.
+pub(super) type NamedPlaces<'a> = (&'a str, &'a [[f64; 3]]);
+
+/// The bytes of the texture; a warning where there should be some and are none.
+pub(super) fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Option<Vec<u8>> {
+    read_bytes(file.texture.as_ref()?)
+        .map_err(|e| warnings.push(format!("the texture is left out: {e}")))
+        .ok()
+}
+
+fn is_png(bytes: &&[u8]) -> bool {
+    bytes.starts_with(b"\x89PNG")
+}
+
+fn is_jpeg(bytes: &&[u8]) -> bool {
+    bytes.starts_with(&[0xff, 0xd8])
+}
+
+pub(super) fn normals_of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
+    TriangleMesh {
+        positions: points.to_vec(),
+        triangles: triangles.to_vec(),
+    }
+    .vertex_normals()
+}
+
+/// Writes GLB: the mesh at some places, a morph target for each pose, and the keyframes.
+pub(super) fn write_glb(
+    path: &Path,
+    file: &TexturedMesh,
+    points: &[[f64; 3]],
+    poses: &[NamedPlaces<'_>],
+    keyframes: &[Keyframe],
+    picture: Option<&[u8]>,
+) -> Result<()> {
+    let split = file.split();
+    let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
+    let targets: Vec<MorphTarget> = (poses.iter())
+        .map(|(name, places)| MorphTarget {
+            name: (*name).to_owned(),
+            points: of(places),
+            normals: of(&normals_of(places, &file.triangles)),
+        })
+        .collect();
+    write_posed(
+        path,
+        &PosedMesh {
+            points: &of(points),
+            normals: &of(&normals_of(points, &file.triangles)),
+            triangles: &split.triangles,
+            uv: &split.uv,
+            picture: picture.filter(|bytes| is_png(bytes) || is_jpeg(bytes)),
+            targets: &targets,
+            keyframes,
+            unit: file.unit,
+            ..PosedMesh::default()
+        },
+    )
+}
+
+/// Writes OBJ, and what belongs to it. Gives the files.
+pub(super) fn write_obj(
+    path: &Path,
+    file: &TexturedMesh,
+    points: &[[f64; 3]],
+    picture: Option<&[u8]>,
+) -> Result<Vec<PathBuf>> {
+    let moved = TexturedMesh {
+        points: points.to_vec(),
+        ..file.clone()
+    };
+    write_textured_obj(path, &moved, picture.filter(is_png))
+}
+
+/// Writes a mesh with its looks where it has texture coordinates and the format can hold them; `None` where that is not so.
+pub(super) fn write_moved(
+    path: &Path,
+    file: &TexturedMesh,
+    points: &[[f64; 3]],
+    picture: Option<&[u8]>,
+) -> Result<Option<Vec<PathBuf>>> {
+    if file.uv_triangles.is_empty() {
+        return Ok(None);
+    }
+    match extension(path).as_str() {
+        "glb" => write_glb(path, file, points, &[], &[], picture).map(|()| Some(vec![path.to_owned()])),
+        "obj" => write_obj(path, file, points, picture).map(Some),
+        _ => Ok(None),
+    }
+}

@@ -1,0 +1,142 @@
+//! `planish shell fit` from files to files: what a mesh looks like is kept, and parts that are rigid stay so.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used)]
+
+use planish::progress::Silent;
+use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
+use planish_estimate::vector3::{distance, norm};
+use planish_exchange::mesh::read_mesh;
+use planish_exchange::textured::read_textured;
+use planish_mesh::icosphere;
+use std::fmt::Write;
+use std::path::Path;
+
+const PICTURE: &[u8] = b"\x89PNG a picture that nobody looks into";
+
+/// A ball of 10 with texture coordinates by longitude, its upper part an object of its own; and points of a ball that is longer along x.
+fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
+    let ball = icosphere(10.0, 3);
+    let mut text = String::from("mtllib ball.mtl\nusemtl skin\n");
+    for [x, y, z] in &ball.positions {
+        writeln!(text, "v {x:?} {y:?} {z:?}").unwrap();
+    }
+    for [x, y, z] in &ball.positions {
+        let u = y.atan2(*x) / std::f64::consts::TAU + 0.5;
+        writeln!(text, "vt {u:?} {:?}", 0.05 * z + 0.5).unwrap();
+    }
+    for upper in [false, true] {
+        writeln!(text, "o {}", if upper { "cap" } else { "rest" }).unwrap();
+        for t in &ball.triangles {
+            let of = t.map(|v| v + 1);
+            if t.iter().all(|v| ball.positions[*v as usize][2] > 7.0) == upper {
+                writeln!(text, "f {0}/{0} {1}/{1} {2}/{2}", of[0], of[1], of[2]).unwrap();
+            }
+        }
+    }
+    std::fs::write(folder.join("ball.obj"), text).unwrap();
+    std::fs::write(folder.join("ball.mtl"), "newmtl skin\nmap_Kd ball.png\n").unwrap();
+    std::fs::write(folder.join("ball.png"), PICTURE).unwrap();
+    let mut points = String::new();
+    for [x, y, z] in icosphere(10.0, 4).positions {
+        writeln!(points, "{:?} {y:?} {z:?}", 1.05 * x).unwrap();
+    }
+    std::fs::write(folder.join("points.xyz"), points).unwrap();
+    ShellFitJob {
+        mesh: folder.join("ball.obj"),
+        points: vec![folder.join("points.xyz")],
+        silhouettes: None,
+        sequence: None,
+        deformation: DeformationKind::Dirichlet,
+        controls: 20,
+        controls_file: None,
+        family: Vec::new(),
+        rigid: Vec::new(),
+        blend: None,
+        metaball: Metaball::Triangular,
+        outline_step_px: 5.0,
+        believe_sigma: false,
+        outputs: outputs.iter().map(|name| folder.join(name)).collect(),
+        unit: None,
+    }
+}
+
+/// How far places are from the longer ball, at most, along its radius.
+fn off(points: &[[f64; 3]]) -> f64 {
+    (points.iter().map(|[x, y, z]| (norm([x / 1.05, *y, *z]) - 10.0).abs())).fold(0.0, f64::max)
+}
+
+#[test]
+fn texture_and_its_coordinates_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = job(folder.path(), &["out/fitted.obj", "out/fitted.glb", "out/fitted.ply"]);
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    let report = shell_fit_files(&job, &Silent).unwrap();
+    let names: Vec<String> = (report.written.iter())
+        .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
+        .collect();
+    assert_eq!(
+        names,
+        ["fitted.png", "fitted.mtl", "fitted.obj", "fitted.glb", "fitted.ply"]
+    );
+    let (before, after) = (
+        read_textured(&job.mesh).unwrap(),
+        read_textured(&job.outputs[0]).unwrap(),
+    );
+    assert_eq!((before.uv, before.uv_triangles), (after.uv, after.uv_triangles));
+    assert_eq!(before.triangles, after.triangles);
+    assert_eq!(std::fs::read(after.texture.unwrap()).unwrap(), PICTURE);
+    assert!(
+        off(&before.points) > 0.3 && off(&after.points) < 0.1,
+        "{}",
+        off(&after.points)
+    );
+    // GLB holds the picture and coordinates, PLY what σ is.
+    let glb = std::fs::read(&job.outputs[1]).unwrap();
+    let has = |what: &[u8]| glb.windows(what.len()).any(|bytes| bytes == what);
+    assert!(has(PICTURE) && has(b"TEXCOORD_0"));
+    // It is in metres.
+    let in_metres = read_mesh(&job.outputs[1]).unwrap().points;
+    let points: Vec<[f64; 3]> = in_metres.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
+    assert!(off(&points) < 0.1, "{}", off(&points));
+    let ply = std::fs::read(&job.outputs[2]).unwrap();
+    assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));
+}
+
+#[test]
+fn rigid_parts_keep_their_lengths() {
+    let folder = tempfile::tempdir().unwrap();
+    let stretched = |rigid: &[&str]| {
+        let job = ShellFitJob {
+            rigid: rigid.iter().map(|part| (*part).to_owned()).collect(),
+            blend: Some(4.0),
+            ..job(folder.path(), &["fitted.obj"])
+        };
+        shell_fit_files(&job, &Silent).unwrap();
+        let (before, after) = (
+            read_textured(&job.mesh).unwrap(),
+            read_textured(&job.outputs[0]).unwrap(),
+        );
+        let cap = before.vertices_of("cap").unwrap();
+        assert!(cap.len() > 20);
+        let length = |points: &[[f64; 3]], a: u32, b: u32| distance(points[a as usize], points[b as usize]);
+        (cap.iter().flat_map(|a| cap.iter().map(move |b| (*a, *b))))
+            .filter(|(a, b)| a != b)
+            .map(|(a, b)| (length(&after.points, a, b) / length(&before.points, a, b) - 1.0).abs())
+            .fold(0.0, f64::max)
+    };
+    // What is rigid does not follow the points, which are longer by a twentieth.
+    assert!(stretched(&[]) > 0.03);
+    let stays = stretched(&["cap"]);
+    // Turns are linear, and lengths grow by half the square of the angle: a ball does not tell how its cap is turned.
+    assert!(stays < 5e-3, "{stays}");
+    let unknown = ShellFitJob {
+        rigid: vec!["hat".to_owned()],
+        ..job(folder.path(), &[])
+    };
+    let message = shell_fit_files(&unknown, &Silent).unwrap_err().to_string();
+    assert!(
+        message.contains("ball.obj") && message.contains("cap, rest") || message.contains("rest, cap"),
+        "{message}"
+    );
+}
