@@ -113,6 +113,35 @@ fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
 }
 
 #[test]
+fn a_whole_is_written_as_a_spline() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("low.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&folder.path().join("high.obj"), -10.0, 60.0, 2.3, 1.0, false);
+    let found = planish(
+        folder.path(),
+        &[
+            "merge",
+            "low.obj",
+            "high.obj",
+            "-o",
+            "whole.step",
+            "-o",
+            "whole.planish",
+            "--json",
+        ],
+    )
+    .ok()
+    .json();
+    let spline = &found["spline"];
+    assert!(spline["coefficients"].as_u64().expect("a number") > 16, "{found:#}");
+    assert!(spline["rms"].as_f64().expect("a number") < 0.02, "{found:#}");
+    let step = std::fs::read_to_string(folder.path().join("whole.step")).expect("a STEP file");
+    assert!(step.contains("B_SPLINE_SURFACE"));
+    let read = planish(folder.path(), &["info", "whole.planish", "--json"]).ok().json();
+    assert_eq!(read["coefficients"], spline["coefficients"], "{read:#}");
+}
+
+#[test]
 fn what_cannot_be_merged_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
@@ -123,7 +152,7 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj -o w.ply", 2, "two patches"),
         ("merge a.obj far.obj -o w.ply", 1, "overlap"),
         ("merge a.obj points.xyz -o w.ply", 2, "loose points"),
-        ("merge a.obj far.obj -o w.step", 2, "a mesh"),
+        ("merge a.obj far.obj -o w.tif", 2, "a mesh or a spline"),
         ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
         ("merge a.obj none.obj", 3, "none.obj"),
         ("merge a.obj far.obj --theta 120", 2, "90"),

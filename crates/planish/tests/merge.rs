@@ -147,7 +147,10 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
         report.variance_factor
     );
     assert_eq!(report.shape, "ball");
-    assert!(report.rms < merged.report.sigma.median, "{report:?}");
+    // Vertices that no other patch shares keep their noise, and are smoothed.
+    let squares: f64 = merged.sigma.iter().map(|s| s * s).sum();
+    let rms_sigma = (squares / merged.sigma.len() as f64).sqrt();
+    assert!(report.rms < 1.2 * rms_sigma, "σ {rms_sigma}: {report:?}");
     let ratio = report.sigma.median / merged.report.sigma.median;
     assert!((0.8..1.3).contains(&ratio), "σ {ratio} times the mesh's");
     // Against the truth, at places that no vertex is at.
