@@ -5,7 +5,7 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::solid::{
-    DimensionKind, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files_reported,
+    DimensionKind, FaceCounts, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files_reported,
 };
 use planish::{ErrorKind, Result};
 use serde::Serialize;
@@ -112,8 +112,7 @@ fn text(report: &SolidReport) -> String {
                 s.rank.to_string(),
                 significant(s.volume, 8),
                 significant(s.area, 8),
-                s.faces.plane.to_string(),
-                s.faces.cylinder.to_string(),
+                faces_by_kind(&s.faces),
                 s.file.clone().unwrap_or_default(),
             ]
         })
@@ -123,8 +122,7 @@ fn text(report: &SolidReport) -> String {
             ("", Align::Right),
             ("volume", Align::Right),
             ("area", Align::Right),
-            ("planes", Align::Right),
-            ("cylinders", Align::Right),
+            ("faces", Align::Left),
             ("file", Align::Left),
         ],
         &rows,
@@ -134,6 +132,22 @@ fn text(report: &SolidReport) -> String {
         geometry_text(&mut lines, geometry);
     }
     lines.into_text()
+}
+
+/// `6 planes, 1 cylinder, 2 spheres`: the kinds that there are.
+fn faces_by_kind(faces: &FaceCounts) -> String {
+    let kinds = [
+        (faces.plane, "plane", "planes"),
+        (faces.cylinder, "cylinder", "cylinders"),
+        (faces.cone, "cone", "cones"),
+        (faces.sphere, "sphere", "spheres"),
+        (faces.torus, "torus", "tori"),
+        (faces.freeform, "freeform", "freeform"),
+    ];
+    let told = kinds.into_iter().filter(|(n, ..)| *n > 0);
+    told.map(|(n, one, many)| format!("{n} {}", if n == 1 { one } else { many }))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// How noisy views became one, and what is known of the best solid.

@@ -152,6 +152,9 @@ pub(super) fn report(
     }
 }
 
+/// A contour that leaves more than this share of its readings out may be of the wrong kind.
+const MANY_LEFT_OUT: f64 = 0.15;
+
 /// What a user should know of the part at a place of the report.
 pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -166,6 +169,12 @@ pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
         warnings.push(format!(
             "{name}: distances are {:.2} of what the stated σ let expect: check σ, or the kind",
             part.reduced_chi_square.sqrt()
+        ));
+    }
+    if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
+        warnings.push(format!(
+            "{name}: {} of its readings lie beyond the gate and were left out: the kind may be wrong; name another with --kind, or check σ",
+            part.rejected
         ));
     }
     warnings

@@ -153,6 +153,10 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let t = -s3.try_inverse()? * s2.transpose();
     let reduced = s1 + s2 * t;
     let swapped = Matrix3::from_rows(&[0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0)]);
+    // The iteration for eigenvalues does not end for what is no number, as from readings that are all of one place.
+    if !swapped.iter().all(|value| value.is_finite()) {
+        return None;
+    }
     let values = swapped.complex_eigenvalues();
     let mut best: Option<[f64; 6]> = None;
     for value in values.iter().filter(|v| v.im.abs() < 1e-9 * (1.0 + v.re.abs())) {

@@ -353,3 +353,22 @@ fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
     let count = rounded.count();
     assert!(count >= 9, "{count} of 10");
 }
+
+#[test]
+fn readings_that_are_all_of_one_place_are_refused_at_once() {
+    let reading = Sighting {
+        target: Target::Point {
+            position: [1.0, 1.0],
+            sigma: 0.1,
+        },
+        time_s: 0.0,
+        pose: None,
+        line: 1,
+    };
+    for kind in auto_kinds() {
+        assert!(
+            fit(&kind, &vec![reading; 40], &FitOptions::default()).is_err(),
+            "{kind}"
+        );
+    }
+}

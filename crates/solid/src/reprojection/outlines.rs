@@ -298,14 +298,11 @@ fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
     let [mut from, mut to] = face
         .loop_parameters()
         .fold([f64::MAX, f64::MIN], |[lo, hi], uv| [lo.min(uv[1]), hi.max(uv[1])]);
-    let surface = face.surface();
-    let across = |v: f64| sub(surface.point([0.0, v]), surface.point([PI, v]));
-    let [a, b] = [across(from), across(to)];
-    // The width between opposite sides runs straight on to a tip, where it does not stay.
-    let direction = if norm(a) > norm(b) { unit(a) } else { unit(b) };
-    let (a, b) = (dot(a, direction), dot(b, direction));
-    if (a - b).abs() > 1e-6 * a.abs().max(b.abs()) {
-        let tip = from - a * (to - from) / (b - a);
+    if let Surface::Cone {
+        radius, half_angle_rad, ..
+    } = face.surface()
+    {
+        let tip = -radius / half_angle_rad.tan();
         from = from.min(tip);
         to = to.max(tip);
     }

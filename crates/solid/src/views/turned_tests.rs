@@ -2,6 +2,7 @@
 
 use super::tests::{arc, circle, hidden, rectangle, segment, visible};
 use super::*;
+use crate::reprojection::{CompareOptions, disagreements};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
@@ -34,6 +35,8 @@ fn only(drawing: &Drawing) -> Solution {
     );
     let solution = found.solutions.into_iter().next().unwrap();
     solution.solid.check(1e-6).unwrap();
+    // Looked at anew, by rays: it shows what is drawn.
+    assert_eq!(disagreements(&solution.solid, drawing, &CompareOptions::default()), []);
     solution
 }
 
