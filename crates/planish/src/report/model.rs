@@ -11,7 +11,7 @@ use planish_spline::Surface;
 use std::collections::BTreeMap;
 
 /// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
-const MOST_TRIANGLES: u64 = 60_000;
+const MOST_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
 
