@@ -6,7 +6,6 @@ use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::occluding::{OccludingJob, OccludingOptions, OccludingReport, sense_contours};
 use planish::progress::Progress;
-use planish::sense::SigmaSummary;
 use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -111,16 +110,6 @@ fn text(done: &OccludingReport) -> String {
     ));
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
-    let sigma = |s: &Option<SigmaSummary>, unit: &str| {
-        s.map_or(String::new(), |s| {
-            format!(
-                "{} {unit} median, {} p95, {} max",
-                significant(s.median, 3),
-                significant(s.p95, 3),
-                significant(s.max, 3)
-            )
-        })
-    };
     let left_out: Vec<String> = (done.left_out.iter())
         .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
         .collect();
@@ -129,10 +118,13 @@ fn text(done: &OccludingReport) -> String {
         ("left out", left_out.join(", ")),
         ("views", pairs.unwrap_or_default()),
         ("contours", format!("reduced χ² {:.3} about their parabolas", done.chi2)),
-        ("σ of depths", sigma(&done.sigma_depth, unit)),
-        ("of which circles leave out", sigma(&done.sigma_circle, unit)),
-        ("σ along normals", sigma(&done.sigma, unit)),
-        ("σ of normals", sigma(&done.sigma_n_deg, "°")),
+        ("σ of depths", report::sigma_quantiles(done.sigma_depth, unit)),
+        (
+            "of which circles leave out",
+            report::sigma_quantiles(done.sigma_circle, unit),
+        ),
+        ("σ along normals", report::sigma_quantiles(done.sigma, unit)),
+        ("σ of normals", report::sigma_quantiles(done.sigma_n_deg, "°")),
         (
             "unseen",
             done.unseen_share.map_or(String::new(), |share| {

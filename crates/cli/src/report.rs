@@ -7,6 +7,7 @@ use crate::progress::Terminal;
 use clap::CommandFactory;
 use planish::model::SensorReport;
 use planish::progress::Progress;
+use planish::sense::SigmaSummary;
 use planish::{Error, ErrorKind, Result, Unit};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -195,6 +196,18 @@ fn json<'a, B: Serialize>(
         outputs,
         body,
     }
+}
+
+/// Quantiles of σ, or nothing where there are none.
+pub fn sigma_quantiles(sigma: Option<SigmaSummary>, unit: &str) -> String {
+    sigma.map_or(String::new(), |s| {
+        format!(
+            "{} {unit} median, {} p95, {} max",
+            significant(s.median, 3),
+            significant(s.p95, 3),
+            significant(s.max, 3)
+        )
+    })
 }
 
 /// A sensor's name, readings, σ stated and estimated, and which of the two was used: the cells that tables of sensors share.

@@ -4,7 +4,7 @@ use crate::args::{CommonArgs, DepthArgs, GridArgs, PhotometricArgs, SenseArgs, S
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Lines, Summary};
 use planish::progress::Progress;
-use planish::sense::{SenseJob, SenseKind, SenseReport, SigmaSummary, sense};
+use planish::sense::{SenseJob, SenseKind, SenseReport, sense};
 use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -122,16 +122,6 @@ fn text(done: &SenseReport) -> String {
         _ => format!("Sensed {found} points of {pixels} pixels ({share})."),
     });
     lines.gap();
-    let sigma = |s: &Option<SigmaSummary>, unit: &str| {
-        s.map_or(String::new(), |s| {
-            format!(
-                "{} {unit} median, {} p95, {} max",
-                significant(s.median, 3),
-                significant(s.p95, 3),
-                significant(s.max, 3)
-            )
-        })
-    };
     let unit = done.unit.map_or("", Unit::name);
     let per_unit = done.unit.map_or(String::new(), |unit| format!("1/{unit}"));
     let rejected: Vec<String> = done
@@ -147,11 +137,11 @@ fn text(done: &SenseReport) -> String {
             } else {
                 "σ of disparity"
             },
-            sigma(&done.sigma_px, "px"),
+            report::sigma_quantiles(done.sigma_px, "px"),
         ),
-        ("σ along rays", sigma(&done.sigma, unit)),
-        ("σ of normals", sigma(&done.sigma_n_deg, "°")),
-        ("σ of curvatures", sigma(&done.sigma_k, &per_unit)),
+        ("σ along rays", report::sigma_quantiles(done.sigma, unit)),
+        ("σ of normals", report::sigma_quantiles(done.sigma_n_deg, "°")),
+        ("σ of curvatures", report::sigma_quantiles(done.sigma_k, &per_unit)),
         ("light from everywhere", done.ambient.map_or(String::new(), percent)),
         (
             "σ of brightness",
