@@ -210,7 +210,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     propagation(&mut lines, fit, *unit);
     set_aside(&mut lines, fit);
     sensors(&mut lines, fit, *unit);
-    poses(&mut lines, fit, *unit);
+    lines.poses(&fit.poses, *unit);
     lines.gap();
     if done.written.is_empty() && done.animation.is_none() && args.page.report.is_none() {
         lines.line("Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.");
@@ -437,38 +437,6 @@ fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
 }
 
 /// Poses are of interest where they are not all exact.
-fn poses(lines: &mut Lines, fit: &FitReport, unit: Unit) {
-    let uncertain = |p: &&planish::model::PoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
-    let rows: Vec<Vec<String>> = fit
-        .poses
-        .iter()
-        .filter(uncertain)
-        .map(|pose| {
-            let known = |sigma: Option<f64>| sigma.map_or("exact".to_owned(), |s| significant(s, 3));
-            vec![
-                pose.scan.clone(),
-                known(pose.sigma_translation),
-                known(pose.sigma_rotation_deg),
-                pose.moved.map_or("as stated".to_owned(), |moved| significant(moved, 3)),
-                pose.turned_deg.map_or(String::new(), |turned| significant(turned, 3)),
-            ]
-        })
-        .collect();
-    if !rows.is_empty() {
-        lines.gap();
-        lines.table(
-            &[
-                ("pose", Align::Left),
-                (&format!("σ of translation / {unit}"), Align::Right),
-                ("σ of rotation / °", Align::Right),
-                (&format!("moved / {unit}"), Align::Right),
-                ("turned / °", Align::Right),
-            ],
-            &rows,
-        );
-    }
-}
-
 fn contents(file: &WrittenFile, unit: Unit) -> String {
     match file.format {
         OutputFormat::Step => format!(

@@ -44,6 +44,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         epsilon: args.epsilon,
         theta_deg: args.theta,
         fill: args.fill,
+        align: args.align,
     };
     let merged = merge_files(&args.patches, &options, progress)?;
     // All that can go wrong with the surface goes wrong before the first file is written.
@@ -113,6 +114,9 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
         if let Some(value) = value {
             all.extend([name.to_owned(), value]);
         }
+    }
+    if args.align {
+        all.push("--align".to_owned());
     }
     all
 }
@@ -203,6 +207,7 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
         ],
         &rows,
     );
+    lines.poses(&report.poses, unit);
     lines.gap();
     let rows: Vec<Vec<String>> = report
         .regions

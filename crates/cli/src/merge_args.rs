@@ -10,6 +10,7 @@ Examples:
   planish merge left.planish right.planish -o whole.ply
   planish merge left.ply right.ply -o whole.step -o whole.planish
   planish merge bun.conf -o bunny.ply --json
+  planish merge left.ply right.ply --align -o whole.ply
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
 Patches are saved models, meshes with faces, and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \
@@ -17,7 +18,8 @@ one where they are nearer than ε and their normals differ by less than θ; both
 a column `sigma`; where nothing states it, it is told from how patches differ. Where patches share a place, all of them say where the \
 surface is, each with the weight of its information. Then each place is given to one patch, and the gaps are sewn: no edge has \
 more than two triangles, whatever came in. A whole without handles can be written as a spline, too (.step, .planish): a sheet, a tube \
-or a ball through the mesh, with the mesh's σ.";
+or a ball through the mesh, with the mesh's σ. With \
+`--align` patches are moved first to where they lie on one another, the first as it stands; the covariance of every motion is in the JSON.";
 
 /// How shared places are fused.
 #[allow(
@@ -60,6 +62,9 @@ pub struct MergeArgs {
     /// θ: normals of one place differ by less, in degrees [default: by σ and the length of edges, at most 69]
     #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true)]
     pub theta: Option<f64>,
+    /// Bring patches that stand a little off (a percent of their size, a degree) onto the first before they are merged
+    #[arg(long)]
+    pub align: bool,
     /// Close holes of up to so many edges, those of the patches too
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,

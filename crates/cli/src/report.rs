@@ -5,7 +5,7 @@ use crate::failure;
 use crate::numbers::{count, significant};
 use crate::progress::Terminal;
 use clap::CommandFactory;
-use planish::model::SensorReport;
+use planish::model::{PoseReport, SensorReport};
 use planish::progress::Progress;
 use planish::sense::SigmaSummary;
 use planish::{Error, ErrorKind, Result, Unit};
@@ -310,6 +310,38 @@ impl Lines {
             .map(|(name, value)| vec![name.to_owned(), value])
             .collect();
         self.rows(&[Align::Left, Align::Left], &rows);
+    }
+
+    /// A table of the poses that were not taken as exact, after a gap.
+    pub fn poses(&mut self, poses: &[PoseReport], unit: Unit) {
+        let uncertain = |p: &&PoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
+        let rows: Vec<Vec<String>> = poses
+            .iter()
+            .filter(uncertain)
+            .map(|pose| {
+                let known = |sigma: Option<f64>| sigma.map_or("exact".to_owned(), |s| significant(s, 3));
+                vec![
+                    pose.scan.clone(),
+                    known(pose.sigma_translation),
+                    known(pose.sigma_rotation_deg),
+                    pose.moved.map_or("as stated".to_owned(), |moved| significant(moved, 3)),
+                    pose.turned_deg.map_or(String::new(), |turned| significant(turned, 3)),
+                ]
+            })
+            .collect();
+        if !rows.is_empty() {
+            self.gap();
+            self.table(
+                &[
+                    ("pose", Align::Left),
+                    (&format!("σ of translation / {unit}"), Align::Right),
+                    ("σ of rotation / °", Align::Right),
+                    (&format!("moved / {unit}"), Align::Right),
+                    ("turned / °", Align::Right),
+                ],
+                &rows,
+            );
+        }
     }
 
     /// A table with a head.

@@ -4,8 +4,11 @@
 //!
 //! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
 //!
-//! Not guaranteed: that patches in frames of their own come together; align them first.
+//! Patches that stand a little off are brought together first where [`MergeOptions::align`] says so.
+//!
+//! Not guaranteed: that patches in frames of their own come together.
 
+mod align;
 mod common_surface;
 mod patches;
 mod spline;
@@ -14,7 +17,7 @@ pub use patches::{NamedPatch, PatchSet, read_patches};
 pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
 use crate::mesh_output::write_known_mesh;
-use crate::model::SigmaSummary;
+use crate::model::{PoseReport, SigmaSummary};
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
@@ -58,6 +61,8 @@ pub struct MergeOptions {
     pub theta_deg: Option<f64>,
     /// Holes of up to so many edges are closed.
     pub fill: usize,
+    /// Whether patches stand a little off and are brought to the first before they are merged.
+    pub align: bool,
 }
 
 /// A region that two patches share.
@@ -120,6 +125,9 @@ pub struct MergeReport {
     pub regions: Vec<RegionReport>,
     /// What was merged.
     pub patches: Vec<PatchReport>,
+    /// How patches were moved onto the first, where they were aligned.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub poses: Vec<PoseReport>,
     /// Whether σ was told from how patches differ where none was stated.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
@@ -188,12 +196,21 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
     let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
     progress.check("finding what patches share", 0.1)?;
-    let (turned, searches) = turn_alike(&mut patches)?;
+    let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
     for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
         warnings.push(format!(
             "{name} faced the other way than the patches that it lies on: it was turned over"
         ));
     }
+    let poses = match options.align {
+        true => {
+            let part = Part::new(progress, 0.1, 0.3);
+            let (poses, told) = align::align(&mut patches, &mut searches, &names, &part)?;
+            warnings.extend(told);
+            poses
+        }
+        false => Vec::new(),
+    };
     let overlap = Overlap::find_with(
         &patches,
         &searches,
@@ -205,7 +222,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let unit = unit.unwrap_or(Unit::Millimetre);
     if overlap.regions.is_empty() {
         return Err(Error::undetermined(format!(
-            "no two of the {} patches overlap: {}; check that they share one frame and unit, or give a larger --epsilon",
+            "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
             patches.len(),
             nearest(&patches, &searches, &names, unit)
         )));
@@ -261,6 +278,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
                 sigma: SigmaSummary::of(overlap.patches[k].sigma.clone()).median,
             })
             .collect(),
+        poses,
         sigma_estimated: overlap.sigma_estimated,
         sigma: SigmaSummary::of(sewn.sigma.clone()),
         stitched_triangles: check.triangles - sewn.kept,
@@ -331,8 +349,8 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
     )
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is. Gives which were turned, and a search for each as it is then.
-fn turn_alike(patches: &mut [Patch]) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
+/// Turns patches so that those that lie on one another face the same way, the largest as it is; those that are `off` may lie a percent of their size apart. Gives which were turned, and a search for each as it is then.
+fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
     // Sums of the cosines between normals of near places.
@@ -341,7 +359,11 @@ fn turn_alike(patches: &mut [Patch]) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
         let mesh = &patches[i].mesh;
         let normals = mesh.vertex_normals();
         let step = (mesh.positions.len() / LOOKED_AT).max(1);
-        let reach = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
+        let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
+        let reach = match mesh.bounding_box() {
+            Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
+            _ => edges,
+        };
         for v in (0..mesh.positions.len()).step_by(step) {
             for j in (0..count).filter(|j| *j != i) {
                 if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)

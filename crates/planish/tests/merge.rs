@@ -8,6 +8,7 @@ use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, me
 use planish::progress::Silent;
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, unit};
 use planish_mesh::{MeshSearch, Patch, icosphere};
+use planish_sense::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -196,4 +197,33 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
     let merged = merge(set, &MergeOptions::default(), &Silent).expect("two of three overlap");
     let refused = merged_spline(&merged, 0, &Silent).expect_err("two parts").to_string();
     assert!(refused.contains("has 2 parts, the second of"), "{refused}");
+}
+
+/// A patch that stands a little off makes two layers or a step; aligned first, the whole is as good as if it had stood right.
+#[test]
+fn patches_that_are_off_are_brought_together_first() {
+    let mut patches = four_patches();
+    let off = Pose::from_rotation_vector([0.006, -0.004, 0.005], [0.08, -0.06, 0.1]);
+    for p in &mut patches[2].patch.mesh.positions {
+        *p = off.apply(*p);
+    }
+    let set = PatchSet {
+        patches,
+        ..PatchSet::default()
+    };
+    let whole = |align: bool| {
+        let options = MergeOptions {
+            align,
+            ..MergeOptions::default()
+        };
+        merge(set.clone(), &options, &Silent)
+    };
+    let whole_of_aligned = whole(true).expect("a whole");
+    let (normalized, rms) = errors(&whole_of_aligned);
+    let pose = &whole_of_aligned.report.poses[2];
+    println!("rms {rms:.4}, over σ {normalized:.2}; moved by {:?}", pose.moved);
+    assert!(normalized < 1.3, "{normalized}");
+    assert!(whole_of_aligned.report.watertight);
+    let left = whole(false).map_or(f64::INFINITY, |left| errors(&left).0);
+    assert!(left > 1.5 * normalized, "{left} {normalized}");
 }
