@@ -4,6 +4,7 @@ use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
 use crate::merge_args::MergeArgs;
 use crate::shell_args::ShellArgs;
 use crate::shell_scene::ShellSceneArgs;
+use crate::view_args::ViewArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -67,6 +68,8 @@ pub enum Command {
     Solid(SolidArgs),
     /// Make measurements whose truth is known
     Simulate(SimulateArgs),
+    /// Show a file in the browser, or draw a picture of it
+    View(ViewArgs),
 }
 
 /// Options that every command has.
@@ -115,7 +118,7 @@ impl ReportArgs {
 }
 
 /// The command line as a shell takes it.
-fn command_line() -> String {
+pub fn command_line() -> String {
     let quoted = |word: String| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
         if !word.is_empty() && word.chars().all(plain) {
@@ -1267,7 +1270,7 @@ fn grid(text: &str) -> Result<[usize; 2], String> {
 }
 
 /// Columns and rows of a picture.
-fn pixels(text: &str) -> Result<[usize; 2], String> {
+pub fn pixels(text: &str) -> Result<[usize; 2], String> {
     grid(text).map_err(|_| "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned())
 }
 

@@ -19,6 +19,7 @@ mod occluding;
 mod progress;
 mod report;
 mod sense;
+mod serve;
 mod shell;
 mod shell_args;
 mod shell_fit;
@@ -27,6 +28,8 @@ mod shell_pose;
 mod shell_scene;
 mod simulate;
 mod solid;
+mod view;
+mod view_args;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -49,6 +52,7 @@ fn main() -> ExitCode {
         Command::Shell(args) => shell::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::View(args) => view::run(&args),
     };
     ExitCode::from(outcome)
 }

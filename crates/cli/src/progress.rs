@@ -2,7 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use planish::ErrorKind;
-use planish::progress::{Progress, WRITING_STAGE};
+use planish::progress::{Progress, SHOWING_STAGE, WRITING_STAGE};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +17,8 @@ const STEPS: u64 = 1000;
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Set while files are written: it takes a moment, and they are to be whole.
 static WRITING: AtomicBool = AtomicBool::new(false);
+/// Set while a result is shown: there is no step to wait for.
+static SHOWING: AtomicBool = AtomicBool::new(false);
 
 /// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left half-written. Who presses it again
 /// does not wait for the step.
@@ -24,10 +26,12 @@ fn listen_for_ctrl_c() {
     // A second handler in one process, or a system without signals, leaves the default: the process ends at once.
     let _ = ctrlc::set_handler(|| {
         if !INTERRUPTED.swap(true, Ordering::Relaxed) {
-            let _ = writeln!(
-                std::io::stderr(),
-                "\nplanish: stopping after this step; press Ctrl-C again to stop at once"
-            );
+            if !SHOWING.load(Ordering::Relaxed) {
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "\nplanish: stopping after this step; press Ctrl-C again to stop at once"
+                );
+            }
         } else if !WRITING.load(Ordering::Relaxed) {
             std::process::exit(i32::from(ErrorKind::Interrupted.exit_code()));
         }
@@ -56,6 +60,13 @@ impl Terminal {
 impl Progress for Terminal {
     fn advance(&self, stage: &str, share: f64) {
         WRITING.store(stage == WRITING_STAGE, Ordering::Relaxed);
+        SHOWING.store(stage == SHOWING_STAGE, Ordering::Relaxed);
+        if stage == SHOWING_STAGE {
+            if let Some(bar) = self.bar.borrow_mut().take() {
+                bar.finish_and_clear();
+            }
+            return;
+        }
         if !self.visible || self.begun.elapsed() < PATIENCE {
             return;
         }

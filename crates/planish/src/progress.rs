@@ -4,6 +4,8 @@ use planish_estimate::{Error, Result};
 
 /// The stage in which files are written, of every job that writes any.
 pub const WRITING_STAGE: &str = "writing";
+/// The stage in which a result is shown until somebody ends it: to stop is no interruption then.
+pub const SHOWING_STAGE: &str = "showing";
 
 /// A listener to long work. All methods may be called from the thread that runs the job only.
 pub trait Progress {
