@@ -11,6 +11,7 @@ mod contour_args;
 mod failure;
 mod fit;
 mod info;
+mod manual;
 mod merge;
 mod merge_args;
 mod next;
@@ -53,6 +54,8 @@ fn main() -> ExitCode {
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::View(args) => view::run(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
     };
     ExitCode::from(outcome)
 }

@@ -18,6 +18,7 @@ pub enum ColourName {
     MeanCurvature,
     GaussianCurvature,
     Scan,
+    Height,
 }
 
 impl From<ColourName> for ColourBy {
@@ -32,6 +33,7 @@ impl From<ColourName> for ColourBy {
             ColourName::MeanCurvature => Self::Field("mean_curvature"),
             ColourName::GaussianCurvature => Self::Field("gaussian_curvature"),
             ColourName::Scan => Self::Field("scan"),
+            ColourName::Height => Self::Field("height"),
         }
     }
 }
@@ -57,7 +59,8 @@ pub struct ViewArgs {
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Option<PathBuf>,
 
-    /// Colour by this [default: the deviation where there is a reference, else σ, else what the file has]
+    /// Colour by this (level and curvatures of models, scan and height of points) [default: the deviation where there is a
+    /// reference, else σ, else what the file has]
     #[arg(long, visible_alias = "colour", value_name = "WHAT", value_enum, help_heading = "Picture", requires = "output")]
     pub color: Option<ColourName>,
     /// From where: AZIMUTH,ELEVATION in degrees (0,0 is the front, 90,0 the right side), or front, back, left, right, top, bottom or iso; each

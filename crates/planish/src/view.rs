@@ -41,7 +41,7 @@ const BORDER: f64 = 0.05;
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
 /// A thing without colours of its own.
-const CLAY: Colour = [0.80, 0.785, 0.755];
+const CLAY: Colour = [0.84, 0.83, 0.80];
 /// What is behind, at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
 /// Angles of a camera that nobody placed, where `up` is given: those of reports.

@@ -133,7 +133,7 @@ fn points_are_drawn_and_edges_stay_sharp() {
     let text: String = icosphere(1.0, 4).positions.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
     std::fs::write(&points, text).unwrap();
     let (report, picture) = seen(&points, None, "20,10", None).unwrap();
-    assert_eq!(report.color, "plain");
+    assert_eq!(report.color, "height");
     assert!(report.covered > 0.15, "{}", report.covered);
     assert!(covered(&picture, 105).len() > 60);
     // A cube that has each corner once: its faces are of one brightness each, up to their edges.

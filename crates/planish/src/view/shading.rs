@@ -23,9 +23,11 @@ const SMOOTH_DEG: f64 = 40.0;
 /// Over the left shoulder: to the right, up, and towards the camera.
 const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
 /// Shares of the light that come from above and below, and of the lamp.
-const SKY: f64 = 0.46;
-const GROUND: f64 = 0.30;
-const DIRECT: f64 = 0.62;
+const SKY: f64 = 0.44;
+const GROUND: f64 = 0.24;
+const DIRECT: f64 = 0.72;
+/// The lamp reaches so far around a thing, as a cosine: its edge of light is soft.
+const AROUND: f64 = 0.4;
 /// Reach of obscurance, over the diagonal of the thing; how dark it makes; places that are asked.
 const REACH: f64 = 0.035;
 const OBSCURANCE: f64 = 1.5;
@@ -34,7 +36,7 @@ const ASKED: usize = 48;
 const GOLDEN: f64 = 2.399_963_229_728_653;
 /// How dark the dots behind others are, for each unit of slope, and the steepest slope that counts.
 const DOTS_APART: f64 = 0.14;
-const STEEPEST: f64 = 8.0;
+const STEEPEST: f64 = 4.0;
 
 /// What is drawn.
 pub(super) enum Shape<'a> {
@@ -210,7 +212,8 @@ fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
 fn brightness(normal: [f64; 3]) -> f64 {
     let sky = 0.5 + 0.5 * normal[1];
     let lamp = dot(normal, LAMP) / norm(LAMP);
-    GROUND + (SKY - GROUND) * sky + DIRECT * lamp.max(0.0)
+    let reached = ((lamp + AROUND) / (1.0 + AROUND)).max(0.0);
+    GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
 }
 
 /// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet smoothly.
@@ -271,6 +274,14 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
 /// Pixels with folds darkened, and dots that lie behind others.
 fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
     let [columns, _] = size;
+    // Places over a disc, evenly.
+    let spiral: Vec<[f64; 2]> = (0..ASKED)
+        .map(|k| {
+            let radius = ((k as f64 + 0.5) / ASKED as f64).sqrt();
+            let (sine, cosine) = (GOLDEN * k as f64).sin_cos();
+            [radius * cosine, radius * sine]
+        })
+        .collect();
     (0..pixels.len())
         .into_par_iter()
         .with_min_len(64)
@@ -281,7 +292,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
                 let share = if pixel.is_dot {
                     dots_apart(pixels, camera, size, at)
                 } else {
-                    obscurance(pixels, camera, size, at)
+                    obscurance(pixels, camera, size, at, &spiral)
                 };
                 pixel.light = scale(share, pixel.light);
             }
@@ -298,17 +309,21 @@ fn covered(pixels: &[Pixel], [columns, rows]: [usize; 2], [column, row]: [f64; 2
 }
 
 /// The share of the light that reaches a place of a surface.
-fn obscurance(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2]) -> f64 {
+fn obscurance(
+    pixels: &[Pixel],
+    camera: &Camera,
+    size: [usize; 2],
+    at: [usize; 2],
+    spiral: &[[f64; 2]],
+) -> f64 {
     let pixel = &pixels[at[1] * size[0] + at[0]];
     let middle = at.map(|k| k as f64 + 0.5);
     let place = camera.place(middle, pixel.depth);
     let reach = REACH * camera.diagonal;
     let on_screen = reach * camera.focal / pixel.depth;
     let mut sum = 0.0;
-    for k in 0..ASKED {
-        let radius = on_screen * ((k as f64 + 0.5) / ASKED as f64).sqrt();
-        let (sine, cosine) = (GOLDEN * k as f64).sin_cos();
-        let there = [middle[0] + radius * cosine, middle[1] + radius * sine];
+    for off in spiral {
+        let there = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
         let Some(other) = covered(pixels, size, there) else {
             continue;
         };

@@ -161,6 +161,8 @@ impl Thing {
             let known = sigma.iter().map(|s| if *s > 0.0 { *s } else { f64::NAN }).collect();
             fields.push(numbers("sigma", label, name, FieldKind::Sequential, known));
         }
+        let heights = some().map(|k| all.points[k][2]).collect();
+        fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
         let mut warnings = Vec::new();
         if step > 1 {
             warnings.push(format!(
