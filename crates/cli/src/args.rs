@@ -113,7 +113,10 @@ impl CommonArgs {
 }
 
 /// How progress is told.
-#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--progress` explains them")]
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--progress` explains them"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ProgressName {
     Auto,

@@ -282,6 +282,9 @@ mod tests {
             ..State::default()
         };
         assert_eq!(first.text(at), "reading");
-        assert_eq!([clock(59.4), clock(60.0), clock(7260.0)], ["59 s", "1:00 min", "2:01 h"]);
+        assert_eq!(
+            [clock(59.4), clock(60.0), clock(7260.0)],
+            ["59 s", "1:00 min", "2:01 h"]
+        );
     }
 }

@@ -35,7 +35,9 @@ impl Server {
         });
         made.map_err(|e| {
             Error::io(match port {
-                Some(port) => format!("port {port} of this computer could not be used: another program may have it; leave --port out"),
+                Some(port) => format!(
+                    "port {port} of this computer could not be used: another program may have it; leave --port out"
+                ),
                 None => "no port of this computer could be used".to_owned(),
             })
             .with_source(e)

@@ -79,7 +79,10 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
                 );
             }
             if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
-                let _ = writeln!(std::io::stderr(), "planish: no browser could be started: open that address in one");
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "planish: no browser could be started: open that address in one"
+                );
             }
             let asked = server.serve(&made.html, || progress.interrupted())?;
             Ok(of_page(made, Some(url), asked, Lines::default(), Vec::new()))
@@ -134,7 +137,12 @@ fn picture(
     lines.line(format!("{}: {}", args.file.display(), report.what));
     let unit = report.unit.map_or("", Unit::name);
     let colours = match report.color_range {
-        Some([low, high]) => format!("{} from {} to {} {unit}", words(&report.color), significant(low, 3), significant(high, 3)),
+        Some([low, high]) => format!(
+            "{} from {} to {} {unit}",
+            words(&report.color),
+            significant(low, 3),
+            significant(high, 3)
+        ),
         None => words(&report.color),
     };
     lines.line(format!(
@@ -162,7 +170,7 @@ fn picture(
 fn words(key: &str) -> String {
     match key {
         "sigma" => "σ".to_owned(),
-        "observed" => "what is known by what".to_owned(),
+        "observed" => "what it is known by".to_owned(),
         other => other.replace('_', " "),
     }
 }

@@ -6,7 +6,10 @@ use planish::view::{CameraAngles, ColourBy, Up};
 use std::path::PathBuf;
 
 /// What a picture is coloured by, on the command line.
-#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--color` explains them")]
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--color` explains them"
+)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ColourName {
     Sigma,
@@ -61,7 +64,14 @@ pub struct ViewArgs {
 
     /// Colour by this (level and curvatures of models, scan and height of points) [default: the deviation where there is a
     /// reference, else σ, else what the file has]
-    #[arg(long, visible_alias = "colour", value_name = "WHAT", value_enum, help_heading = "Picture", requires = "output")]
+    #[arg(
+        long,
+        visible_alias = "colour",
+        value_name = "WHAT",
+        value_enum,
+        help_heading = "Picture",
+        requires = "output"
+    )]
     pub color: Option<ColourName>,
     /// From where: AZIMUTH,ELEVATION in degrees (0,0 is the front, 90,0 the right side), or front, back, left, right, top, bottom or iso; each
     /// maybe with a zoom behind (30,20,1.5)

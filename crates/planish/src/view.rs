@@ -275,7 +275,12 @@ fn with_unit(field: &Field) -> String {
 
 /// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a reference's points stand behind.
 fn fields(thing: &Thing) -> impl Iterator<Item = &Field> {
-    let surfaces = thing.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
+    let surfaces = thing
+        .scene
+        .surfaces
+        .iter()
+        .filter(|s| !s.hidden)
+        .flat_map(|s| &s.fields);
     let clouds = thing.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
     surfaces.chain(clouds)
 }
@@ -297,7 +302,11 @@ fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field
         Some(ColourBy::Field(key)) => match find(key) {
             Some(field) => Ok(Some(field)),
             None => {
-                let way_out = if key == "deviation" { ": name what it deviates from with --reference" } else { "" };
+                let way_out = if key == "deviation" {
+                    ": name what it deviates from with --reference"
+                } else {
+                    ""
+                };
                 let mut known: Vec<String> = fields(thing).map(|f| f.key.replace('_', "-")).collect();
                 known.push("plain".to_owned());
                 Err(Error::input(format!(
@@ -320,7 +329,10 @@ fn pixels(
     size: [usize; 2],
 ) -> Vec<Pixel> {
     let values_of = |fields: &[Field]| -> Option<Vec<f64>> {
-        let values = &fields.iter().find(|f| field.is_some_and(|wanted| wanted.key == f.key))?.values;
+        let values = &fields
+            .iter()
+            .find(|f| field.is_some_and(|wanted| wanted.key == f.key))?
+            .values;
         Some(match values {
             Values::Numbers(numbers) => numbers.clone(),
             Values::Kinds(kinds) => kinds.iter().map(|k| f64::from(*k)).collect(),

@@ -40,7 +40,10 @@ fn pixel(picture: &Picture, [column, row]: [usize; 2]) -> [f32; 3] {
 
 fn write(folder: &Path, name: &str, mesh: &TriangleMesh, columns: &[(&str, Vec<f64>)]) -> PathBuf {
     let path = folder.join(name);
-    let columns = columns.iter().map(|(name, values)| (*name, Column::F64(values))).collect();
+    let columns = columns
+        .iter()
+        .map(|(name, values)| (*name, Column::F64(values)))
+        .collect();
     let file = MeshColumns {
         points: &mesh.positions,
         triangles: &mesh.triangles,
@@ -75,7 +78,10 @@ fn values_have_their_colours_where_they_lie() {
     let [left, right] = [columns[columns.len() / 10], columns[9 * columns.len() / 10]];
     let [dark, bright] = [left, right].map(|column| pixel(&front, [column, row]));
     assert!(dark[2] > 1.3 * dark[1], "{dark:?} is no violet");
-    assert!(bright[1] > 2.0 * bright[2] && bright[0] > bright[2], "{bright:?} is no yellow");
+    assert!(
+        bright[1] > 2.0 * bright[2] && bright[0] > bright[2],
+        "{bright:?} is no yellow"
+    );
     // From the back the sides are exchanged.
     let (_, back) = seen(&path, None, "back", None).unwrap();
     let mirrored = pixel(&back, [right, row]);
@@ -101,12 +107,21 @@ fn cameras_see_the_sides_that_they_name() {
         pixel(&picture, middle)
     };
     let [right, left] = ["right", "left"].map(colour_of);
-    assert!(right[2] > 2.0 * right[0], "the right side was measured: blue, found {right:?}");
-    assert!((left[2] - left[0]).abs() < 12.0, "the left side was not: grey, found {left:?}");
+    assert!(
+        right[2] > 2.0 * right[0],
+        "the right side was measured: blue, found {right:?}"
+    );
+    assert!(
+        (left[2] - left[0]).abs() < 12.0,
+        "the left side was not: grey, found {left:?}"
+    );
     // Normals towards the camera are blue, with equal parts of red and green.
     let (_, normals) = seen(&path, None, "iso", Some(ColourBy::Normal)).unwrap();
     let [r, g, b] = pixel(&normals, middle);
-    assert!(b > 240.0 && (r - 127.0).abs() < 25.0 && (g - 127.0).abs() < 25.0, "{r} {g} {b}");
+    assert!(
+        b > 240.0 && (r - 127.0).abs() < 25.0 && (g - 127.0).abs() < 25.0,
+        "{r} {g} {b}"
+    );
 }
 
 #[test]
@@ -123,14 +138,21 @@ fn deviations_are_red_outside_and_blue_inside() {
     assert_eq!(report.color, "deviation");
     let columns = covered(&picture, 105);
     let [left, right] = [columns[columns.len() / 4], columns[3 * columns.len() / 4]].map(|c| pixel(&picture, [c, 105]));
-    assert!(left[2] > 1.5 * left[0] && right[0] > 1.5 * right[2], "{left:?} {right:?}");
+    assert!(
+        left[2] > 1.5 * left[0] && right[0] > 1.5 * right[2],
+        "{left:?} {right:?}"
+    );
 }
 
 #[test]
 fn points_are_drawn_and_edges_stay_sharp() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.xyz");
-    let text: String = icosphere(1.0, 4).positions.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let text: String = icosphere(1.0, 4)
+        .positions
+        .iter()
+        .map(|[x, y, z]| format!("{x} {y} {z}\n"))
+        .collect();
     std::fs::write(&points, text).unwrap();
     let (report, picture) = seen(&points, None, "20,10", None).unwrap();
     assert_eq!(report.color, "height");
@@ -140,16 +162,32 @@ fn points_are_drawn_and_edges_stay_sharp() {
     let cube = TriangleMesh::try_new(
         (0..8).map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from)).collect(),
         vec![
-            [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2],
-            [2, 4, 6], [1, 3, 5], [3, 7, 5],
+            [0, 2, 1],
+            [1, 2, 3],
+            [4, 5, 6],
+            [5, 7, 6],
+            [0, 1, 4],
+            [1, 5, 4],
+            [2, 6, 3],
+            [3, 6, 7],
+            [0, 4, 2],
+            [2, 4, 6],
+            [1, 3, 5],
+            [3, 7, 5],
         ],
     )
     .unwrap();
     let path = write(folder.path(), "cube.stl", &cube, &[]);
     let (_, picture) = seen(&path, None, "top", Some(ColourBy::Plain)).unwrap();
     let columns = covered(&picture, 100);
-    let brightness: Vec<f32> = columns[4..columns.len() - 4].iter().map(|c| pixel(&picture, [*c, 100])[1]).collect();
-    let [least, most] = [brightness.iter().copied().fold(255.0, f32::min), brightness.iter().copied().fold(0.0, f32::max)];
+    let brightness: Vec<f32> = columns[4..columns.len() - 4]
+        .iter()
+        .map(|c| pixel(&picture, [*c, 100])[1])
+        .collect();
+    let [least, most] = [
+        brightness.iter().copied().fold(255.0, f32::min),
+        brightness.iter().copied().fold(0.0, f32::max),
+    ];
     assert!(most - least <= 2.0, "{least} {most}");
 }
 
@@ -164,7 +202,10 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
         (e.kind(), e.to_string())
     };
     let (kind, text) = message(&mesh, None, ColourBy::Field("sigma"));
-    assert!(kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"), "{text}");
+    assert!(
+        kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"),
+        "{text}"
+    );
     let (_, text) = message(&mesh, None, ColourBy::Field("deviation"));
     assert!(text.contains("--reference"), "{text}");
     let (_, text) = message(&points, None, ColourBy::Normal);

@@ -63,7 +63,11 @@ impl Map {
     /// The colour of a place; those below 0 and above 1 have the colours of the ends.
     #[must_use]
     pub fn at(self, place: f64) -> Colour {
-        let at = if place.is_nan() { 0.0 } else { 16.0 * place.clamp(0.0, 1.0) };
+        let at = if place.is_nan() {
+            0.0
+        } else {
+            16.0 * place.clamp(0.0, 1.0)
+        };
         let k = (at as usize).min(15);
         let [from, to] = [k, k + 1].map(|k| of_hex(self.colours()[k]));
         std::array::from_fn(|c| from[c] + (at - k as f64) * (to[c] - from[c]))
@@ -263,7 +267,11 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let [from, to] = [low, high].map(|v| factor * v);
     let rough = (to - from) / 4.0;
     let power = 10_f64.powf(rough.log10().floor());
-    let step = power * [1.0, 2.0, 5.0].into_iter().rfind(|m| m * power <= rough * 1.001).unwrap_or(1.0);
+    let step = power
+        * [1.0, 2.0, 5.0]
+            .into_iter()
+            .rfind(|m| m * power <= rough * 1.001)
+            .unwrap_or(1.0);
     let first = (from / step - 1e-9).ceil() as i64;
     let last = (to / step + 1e-9).floor() as i64;
     let ticks = (first..=last.min(first + 12)).map(|k| {
@@ -302,14 +310,20 @@ fn apart(ticks: Vec<Tick>) -> Vec<Tick> {
         .windows(2)
         .map(|pair| pair[1].place - pair[0].place)
         .fold(f64::INFINITY, f64::min);
-    let step = if least < LEAST_APART { (LEAST_APART / least).ceil() as usize } else { 1 };
+    let step = if least < LEAST_APART {
+        (LEAST_APART / least).ceil() as usize
+    } else {
+        1
+    };
     ticks.into_iter().step_by(step).collect()
 }
 
 /// A number without zeros that say nothing.
 fn trimmed(value: f64, digits: usize) -> String {
     let text = significant(value, digits);
-    let (mantissa, exponent) = text.split_once('e').map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
+    let (mantissa, exponent) = text
+        .split_once('e')
+        .map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
     let mantissa = if mantissa.contains('.') {
         mantissa.trim_end_matches('0').trim_end_matches('.')
     } else {

@@ -304,7 +304,11 @@ mod tests {
 
     #[test]
     fn shares_fill_the_bar() {
-        let svg = shares(&[("a", 3.0, "#000".into()), ("b", 1.0, "#111".into()), ("c", 0.0, "#222".into())]);
+        let svg = shares(&[
+            ("a", 3.0, "#000".into()),
+            ("b", 1.0, "#111".into()),
+            ("c", 0.0, "#222".into()),
+        ]);
         assert!(svg.contains("width=\"420.0\"") && svg.contains("width=\"140.0\"") && !svg.contains("#222"));
     }
 }

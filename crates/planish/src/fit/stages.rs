@@ -554,7 +554,9 @@ fn rms_of_positions(feet: &[Foot], information: &[f64]) -> f64 {
     let counting = feet.iter().zip(information);
     let (squares, n) = counting
         .filter(|(foot, weight)| foot.quantity == Quantity::Position && **weight > 0.0)
-        .fold((0.0, 0.0), |(squares, n), (foot, _)| (squares + foot.height() * foot.height(), n + 1.0));
+        .fold((0.0, 0.0), |(squares, n), (foot, _)| {
+            (squares + foot.height() * foot.height(), n + 1.0)
+        });
     (squares / n).sqrt()
 }
 

@@ -49,7 +49,11 @@ impl Up {
 
     /// To the right of who looks from the front: x, or y where x is up.
     fn right(self) -> [f64; 3] {
-        if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
+        if self.axis == 0 {
+            [0.0, 1.0, 0.0]
+        } else {
+            [1.0, 0.0, 0.0]
+        }
     }
 }
 
@@ -178,8 +182,7 @@ impl Camera {
         }
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
         camera.focal = zoom * room(0).min(room(1));
-        camera.middle =
-            [0, 1].map(|k| 0.5 * (frame.low[k] + frame.high[k]) - camera.focal * 0.5 * (low[k] + high[k]));
+        camera.middle = [0, 1].map(|k| 0.5 * (frame.low[k] + frame.high[k]) - camera.focal * 0.5 * (low[k] + high[k]));
         Ok(camera)
     }
 
@@ -247,7 +250,13 @@ mod tests {
     fn cameras_are_read_or_refused_with_what_is_needed() {
         let read = |text: &str| text.parse::<CameraAngles>();
         assert_eq!(read("-30,20,2").unwrap().zoom, 2.0);
-        assert_eq!(read("top,1.5").unwrap(), CameraAngles { zoom: 1.5, ..read("top").unwrap() });
+        assert_eq!(
+            read("top,1.5").unwrap(),
+            CameraAngles {
+                zoom: 1.5,
+                ..read("top").unwrap()
+            }
+        );
         for (text, words) in [
             ("side", "front, back"),
             ("1", "AZIMUTH,ELEVATION"),
@@ -277,7 +286,10 @@ mod tests {
         let at: Vec<[f64; 2]> = points.iter().map(|p| camera.project(*p).at).collect();
         let reach = |k: usize| {
             let values = at.iter().map(|a| a[k]);
-            [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
+            [
+                values.clone().fold(f64::INFINITY, f64::min),
+                values.fold(f64::NEG_INFINITY, f64::max),
+            ]
         };
         let [columns, rows] = [reach(0), reach(1)];
         assert!(columns[0] >= 10.0 - 1e-9 && columns[1] <= 200.0 + 1e-9);

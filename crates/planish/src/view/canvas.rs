@@ -67,12 +67,7 @@ impl Canvas {
     }
 
     /// A box with round corners.
-    pub(super) fn rounded(
-        &mut self,
-        [low, high]: [[f64; 2]; 2],
-        radius: f64,
-        colour: impl Fn([f64; 2]) -> Colour,
-    ) {
+    pub(super) fn rounded(&mut self, [low, high]: [[f64; 2]; 2], radius: f64, colour: impl Fn([f64; 2]) -> Colour) {
         let inside = move |at: [f64; 2]| {
             let off = [0, 1].map(|k| (low[k] + radius - at[k]).max(at[k] - high[k] + radius).max(0.0));
             let flat = [0, 1]
@@ -178,7 +173,8 @@ mod tests {
     #[test]
     fn every_letter_of_legends_is_in_the_font() {
         let canvas = blank(1, 1);
-        for letter in "σ along the normal / mm², κ ·10⁻⁵ − ± ° × – “x” √ Σ 0123456789 µ″ft".chars() {
+        for letter in "σ along the normal / mm², κ ·10⁻⁵ − ± ° × – “x” √ Σ 0123456789 µ″ft".chars()
+        {
             assert!(canvas.font.glyph_id(letter).0 != 0, "{letter:?} has no glyph");
         }
     }

@@ -77,6 +77,8 @@ pub(super) struct Pixel {
     /// Mean normal, in the picture's axes.
     normal: [f64; 3],
     is_dot: bool,
+    /// Whether its colour is to be read as a value: nothing darkens it.
+    is_value: bool,
 }
 
 /// A shape with what light needs of it.
@@ -120,10 +122,7 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
                     corners.extend((0..OUTLINE).map(|c| {
                         let angle = std::f64::consts::TAU * c as f64 / OUTLINE as f64;
                         Projected {
-                            at: [
-                                middle.at[0] + radius * angle.cos(),
-                                middle.at[1] + radius * angle.sin(),
-                            ],
+                            at: [middle.at[0] + radius * angle.cos(), middle.at[1] + radius * angle.sin()],
                             ..middle
                         }
                     }));
@@ -143,8 +142,8 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
         let drawn = places.into_par_iter().with_min_len(64);
         pixels.par_extend(drawn.map(|place| {
             let [column, row] = [place % columns, place / columns];
-            let seen = (0..samples * samples)
-                .map(|k| buffer.at(samples * column + k % samples, samples * row + k / samples));
+            let seen =
+                (0..samples * samples).map(|k| buffer.at(samples * column + k % samples, samples * row + k / samples));
             pixel(&prepared, camera, seen, (samples * samples) as f64)
         }));
     }
@@ -157,11 +156,17 @@ fn pixel(prepared: &[Prepared<'_>], camera: &Camera, samples: impl Iterator<Item
     let mut n = 0.0;
     for seen in samples.flatten() {
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
-        let (light, normal, is_dot) = lit(&prepared[which], camera, &seen);
+        let (light, normal) = lit(&prepared[which], camera, &seen);
         mean.light = add_scaled(mean.light, 1.0, light);
         mean.normal = add_scaled(mean.normal, 1.0, normal);
         mean.depth += seen.depth;
-        mean.is_dot |= is_dot;
+        match prepared[which].shape {
+            Shape::Surface { colour, .. } => mean.is_value |= colour.is_none(),
+            Shape::Dots { colour, .. } => {
+                mean.is_dot = true;
+                mean.is_value |= colour.is_none();
+            }
+        }
         n += 1.0;
     }
     if n > 0.0 {
@@ -173,8 +178,8 @@ fn pixel(prepared: &[Prepared<'_>], camera: &Camera, samples: impl Iterator<Item
     mean
 }
 
-/// Linear light of a sample, its normal towards the camera, and whether it is of a dot.
-fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3], bool) {
+/// Linear light of a sample, and its normal towards the camera.
+fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3]) {
     let index = seen.triangle as usize - of.first;
     match of.shape {
         Shape::Surface { colour, .. } => {
@@ -186,9 +191,9 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3], 
                 Some(colour) => {
                     let light = brightness(normal);
                     let own = colour(index, seen.barycentric).map(linear_light);
-                    (scale(light, own), normal, false)
+                    (scale(light, own), normal)
                 }
-                None => (normal_colour(normal).map(linear_light), normal, false),
+                None => (normal_colour(normal).map(linear_light), normal),
             }
         }
         Shape::Dots { normals, colour, .. } => {
@@ -197,8 +202,8 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3], 
             let normal = towards_camera(known.unwrap_or([0.0, 0.0, 1.0]));
             let light = known.map_or(0.95, |_| brightness(normal));
             match colour {
-                Some(colour) => (scale(light, colour(dot_index).map(linear_light)), normal, true),
-                None => (normal_colour(normal).map(linear_light), normal, true),
+                Some(colour) => (scale(light, colour(dot_index).map(linear_light)), normal),
+                None => (normal_colour(normal).map(linear_light), normal),
             }
         }
     }
@@ -287,7 +292,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
         .with_min_len(64)
         .map(|k| {
             let mut pixel = pixels[k];
-            if pixel.covered > 0.0 {
+            if pixel.covered > 0.0 && !pixel.is_value {
                 let at = [k % columns, k / columns];
                 let share = if pixel.is_dot {
                     dots_apart(pixels, camera, size, at)
@@ -309,13 +314,7 @@ fn covered(pixels: &[Pixel], [columns, rows]: [usize; 2], [column, row]: [f64; 2
 }
 
 /// The share of the light that reaches a place of a surface.
-fn obscurance(
-    pixels: &[Pixel],
-    camera: &Camera,
-    size: [usize; 2],
-    at: [usize; 2],
-    spiral: &[[f64; 2]],
-) -> f64 {
+fn obscurance(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2], spiral: &[[f64; 2]]) -> f64 {
     let pixel = &pixels[at[1] * size[0] + at[0]];
     let middle = at.map(|k| k as f64 + 0.5);
     let place = camera.place(middle, pixel.depth);

@@ -2,7 +2,7 @@
 
 use crate::compare::{CompareOptions, Compared, Reference, compared};
 use crate::progress::Progress;
-use crate::report::{compared_scene, known_mesh_scene, kinds, model_scene_of, numbers};
+use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, read_mesh};
@@ -149,7 +149,9 @@ impl Thing {
             let (label, sigma): (_, Vec<f64>) = match normals {
                 Some(normals) => (
                     "σ along the normal",
-                    some().map(|k| variance_along(&covariance[k], normals[k]).sqrt()).collect(),
+                    some()
+                        .map(|k| variance_along(&covariance[k], normals[k]).sqrt())
+                        .collect(),
                 ),
                 None => (
                     "σ, mean over directions",
