@@ -2,8 +2,10 @@
 
 use crate::contour_args::{ContourArgs, ReadingsArgs, ViewsArgs};
 use crate::merge_args::MergeArgs;
+use crate::progress::Audience;
 use crate::shell_args::ShellArgs;
 use crate::shell_scene::ShellSceneArgs;
+use crate::view_args::ViewArgs;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
@@ -67,6 +69,12 @@ pub enum Command {
     Solid(SolidArgs),
     /// Make measurements whose truth is known
     Simulate(SimulateArgs),
+    /// Show a file in the browser, or draw a picture of it
+    View(ViewArgs),
+    /// Print what a shell needs to complete commands, options and files
+    Completions(CompletionsArgs),
+    /// Print the manual, or write all of its pages
+    Man(ManArgs),
 }
 
 /// Options that every command has.
@@ -79,6 +87,9 @@ pub struct CommonArgs {
     /// Print no summary, no progress and no warnings
     #[arg(long, short)]
     pub quiet: bool,
+    /// How far the work is, on stderr: a bar where that is a terminal, one JSON object a line for programs, or nothing
+    #[arg(long, value_name = "HOW", value_enum, default_value_t = ProgressName::Auto)]
+    pub progress: ProgressName,
     /// Threads to work with [default: one for each core]; they change the time, never the result
     #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     pub threads: Option<usize>,
@@ -88,6 +99,29 @@ pub struct CommonArgs {
     /// Unit of lengths where no file names it [default: mm]
     #[arg(long, value_name = "UNIT", value_enum)]
     pub unit: Option<UnitName>,
+}
+
+impl CommonArgs {
+    /// Who is told how far the work is.
+    pub fn audience(&self) -> Audience {
+        match self.progress {
+            ProgressName::Json => Audience::Program,
+            ProgressName::Auto if !self.quiet => Audience::People,
+            ProgressName::Auto | ProgressName::None => Audience::Nobody,
+        }
+    }
+}
+
+/// How progress is told.
+#[allow(
+    missing_docs,
+    reason = "a doc comment becomes a paragraph of help; `--progress` explains them"
+)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProgressName {
+    Auto,
+    Json,
+    None,
 }
 
 /// The page that shows what a command found.
@@ -115,7 +149,7 @@ impl ReportArgs {
 }
 
 /// The command line as a shell takes it.
-fn command_line() -> String {
+pub fn command_line() -> String {
     let quoted = |word: String| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
         if !word.is_empty() && word.chars().all(plain) {
@@ -800,6 +834,40 @@ pub struct InfoArgs {
     pub common: CommonArgs,
 }
 
+const COMPLETIONS_EXAMPLES: &str = "\
+Examples:
+  planish completions bash
+  planish completions zsh
+  planish completions fish
+
+The script goes to stdout; keep it where the shell looks for such scripts: ~/.local/share/bash-completion/completions/planish, a folder of zsh's
+fpath as _planish, or ~/.config/fish/completions/planish.fish.";
+
+/// Arguments of `planish completions`.
+#[derive(Debug, Args)]
+#[command(after_help = COMPLETIONS_EXAMPLES)]
+pub struct CompletionsArgs {
+    /// The shell
+    #[arg(value_name = "SHELL", value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+const MAN_EXAMPLES: &str = "\
+Examples:
+  planish man
+  planish man --out man1
+
+With --out every command has a page of its own: planish.1, planish-fit.1 and so on. In ~/.local/share/man/man1 the command man finds them.";
+
+/// Arguments of `planish man`.
+#[derive(Debug, Args)]
+#[command(after_help = MAN_EXAMPLES)]
+pub struct ManArgs {
+    /// Write all pages into this folder
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: Option<PathBuf>,
+}
+
 /// Arguments of `planish simulate`.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
@@ -1267,7 +1335,7 @@ fn grid(text: &str) -> Result<[usize; 2], String> {
 }
 
 /// Columns and rows of a picture.
-fn pixels(text: &str) -> Result<[usize; 2], String> {
+pub fn pixels(text: &str) -> Result<[usize; 2], String> {
     grid(text).map_err(|_| "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned())
 }
 

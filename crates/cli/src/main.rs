@@ -11,6 +11,7 @@ mod contour_args;
 mod failure;
 mod fit;
 mod info;
+mod manual;
 mod merge;
 mod merge_args;
 mod next;
@@ -19,6 +20,7 @@ mod occluding;
 mod progress;
 mod report;
 mod sense;
+mod serve;
 mod shell;
 mod shell_args;
 mod shell_fit;
@@ -27,6 +29,8 @@ mod shell_pose;
 mod shell_scene;
 mod simulate;
 mod solid;
+mod view;
+mod view_args;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -49,6 +53,9 @@ fn main() -> ExitCode {
         Command::Shell(args) => shell::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::View(args) => view::run(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
     };
     ExitCode::from(outcome)
 }

@@ -68,10 +68,23 @@ pub fn run<B: Serialize>(
     work: impl FnOnce(&dyn Progress) -> Result<Summary<B>>,
 ) -> u8 {
     let begun = Instant::now();
-    let outcome = set_threads(common).and_then(|()| {
-        let progress = Terminal::new(common.quiet);
-        work(&progress)
-    });
+    let progress = Terminal::new(common.audience());
+    let outcome = set_threads(common).and_then(|()| work(&progress));
+    // Programs hear of the end as the last of stderr: after warnings.
+    let code = said(name, common, begun, outcome, &progress);
+    progress.finished(code);
+    code
+}
+
+/// Prints what a command has to say, or why it failed; the exit code.
+fn said<B: Serialize>(
+    name: &str,
+    common: &CommonArgs,
+    begun: Instant,
+    outcome: Result<Summary<B>>,
+    progress: &Terminal,
+) -> u8 {
+    progress.clear();
     let head = |unit: Option<Unit>, inputs: &[PathBuf], outputs: &[PathBuf]| {
         let names = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
         (unit.map(Unit::name), names(inputs), names(outputs))

@@ -43,6 +43,9 @@ fn help_of_every_command() {
         ("simulate_scene_shell", &["simulate", "scene", "shell", "--help"]),
         ("simulate_scene_turning", &["simulate", "scene", "turning", "--help"]),
         ("simulate_scene_bending", &["simulate", "scene", "bending", "--help"]),
+        ("view", &["view", "--help"]),
+        ("completions", &["completions", "--help"]),
+        ("man", &["man", "--help"]),
     ] {
         insta::assert_snapshot!(format!("help_{name}"), help(args));
     }
@@ -81,6 +84,7 @@ fn examples_of_the_help_are_commands_that_parse() {
         "simulate scene turning",
         "simulate scene bending",
         "simulate sphere",
+        "view",
     ] {
         let mut args: Vec<&str> = command.split(' ').collect();
         args.push("--help");

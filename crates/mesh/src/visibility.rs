@@ -6,6 +6,7 @@
 //! Not guaranteed: triangles that reach behind the camera are left out whole.
 
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rows that one thread draws at a time.
 const BAND: usize = 64;
@@ -35,6 +36,7 @@ pub struct Seen {
 #[derive(Debug, Clone)]
 pub struct DepthBuffer {
     columns: usize,
+    first_row: usize,
     places: Vec<Place>,
 }
 
@@ -52,26 +54,36 @@ impl DepthBuffer {
     /// Draws triangles into a grid of `columns` × `rows` places. Of two triangles at the same depth the one named first is seen.
     #[must_use]
     pub fn draw(columns: usize, rows: usize, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
+        Self::draw_rows(columns, 0..rows, corners, triangles)
+    }
+
+    /// [`DepthBuffer::draw`] for some rows of a larger grid: large pictures are drawn part by part.
+    #[must_use]
+    pub fn draw_rows(columns: usize, rows: Range<usize>, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
         let empty = Place {
             nearness: 0.0,
             triangle: NOTHING,
             weights: [0.0; 2],
         };
-        let mut places = vec![empty; columns * rows];
+        let mut places = vec![empty; columns * rows.len()];
         (places.par_chunks_mut((BAND * columns).max(1)).enumerate()).for_each(|(band, places)| {
-            let first_row = band * BAND;
+            let first_row = rows.start + band * BAND;
             for (t, triangle) in triangles.iter().enumerate() {
                 let corners = triangle.map(|c| corners[c as usize]);
                 draw_triangle(places, columns, first_row, &corners, t as u32);
             }
         });
-        Self { columns, places }
+        Self {
+            columns,
+            first_row: rows.start,
+            places,
+        }
     }
 
-    /// What is seen through the place in this column and row, which have to be within the grid.
+    /// What is seen through the place in this column and row, which have to be among those that were drawn.
     #[must_use]
     pub fn at(&self, column: usize, row: usize) -> Option<Seen> {
-        let place = self.places[row * self.columns + column];
+        let place = self.places[(row - self.first_row) * self.columns + column];
         let [b, c] = place.weights.map(f64::from);
         (place.triangle != NOTHING).then(|| Seen {
             triangle: place.triangle,
@@ -149,11 +161,15 @@ mod tests {
             })
             .collect();
         let buffer = DepthBuffer::draw(size, size, &corners, &ball.triangles);
+        let part = DepthBuffer::draw_rows(size, 40..60, &corners, &ball.triangles);
         let (mut seen_by_both, mut other) = (0, 0);
         for row in 0..size {
             for column in 0..size {
                 let [x, y] = [column, row].map(|k| (k as f64 + 0.5 - middle) / focal);
                 let hit = search.first_hit(eye, [x, y, -1.0]);
+                if (40..60).contains(&row) {
+                    assert_eq!(part.at(column, row), buffer.at(column, row));
+                }
                 match (buffer.at(column, row), hit) {
                     (Some(seen), Some(hit)) => {
                         seen_by_both += 1;

@@ -20,6 +20,7 @@ use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{FolderInWork, Unit, check_writable, extension};
 use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
+use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -350,7 +351,7 @@ impl Camera {
             }
         };
         let sum = (0..SAMPLES * SAMPLES).map(sample).fold([0.0; 3], add);
-        sum.map(|c| screen(c / (SAMPLES * SAMPLES) as f64).round().clamp(0.0, 255.0) as u8)
+        sum.map(|c| (255.0 * screen_brightness(c / (SAMPLES * SAMPLES) as f64)).round() as u8)
     }
 
     fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &Seen) -> [f64; 3] {
@@ -363,15 +364,4 @@ impl Camera {
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
         scale(light, mix(&frame.colours))
     }
-}
-
-/// From linear brightness to the 255 steps of a screen (sRGB, IEC 61966-2-1).
-fn screen(linear: f64) -> f64 {
-    let c = linear.clamp(0.0, 1.0);
-    255.0
-        * if c <= 0.003_130_8 {
-            12.92 * c
-        } else {
-            1.055 * c.powf(1.0 / 2.4) - 0.055
-        }
 }

@@ -212,7 +212,7 @@ impl Compared {
         }
     }
 
-    fn unit(&self) -> Option<Unit> {
+    pub(crate) fn unit(&self) -> Option<Unit> {
         match self {
             Self::Surface(model) => Some(model.unit),
             Self::Mesh(mesh) => mesh.unit,
@@ -395,7 +395,7 @@ pub(crate) struct ShownReference {
 }
 
 /// [`compare`], with what a report shows.
-fn compared(
+pub(crate) fn compared(
     model: &Compared,
     reference: Reference,
     options: &CompareOptions,

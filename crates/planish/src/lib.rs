@@ -30,6 +30,7 @@ pub mod solid;
 pub mod stream;
 #[cfg(test)]
 mod test_support;
+pub mod view;
 
 pub use planish_estimate::{Error, ErrorKind, Result};
 pub use planish_exchange::Unit;

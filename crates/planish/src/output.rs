@@ -12,12 +12,25 @@ use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
-use planish_exchange::{GeoReference, Unit, check_writable, extension, real_path, stl};
+use planish_exchange::{GeoReference, Unit, check_writable, extension, make_folder, real_path, stl, write_atomically};
 use serde::{Serialize, Serializer};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
+
+/// Writes files into a folder, which is made where it is missing; nothing is written where one of them cannot be.
+///
+/// # Errors
+/// `Io` where the folder cannot be made or a file not be written.
+pub fn write_files(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
+    make_folder(folder)?;
+    for (name, _) in files {
+        check_writable(&folder.join(name))?;
+    }
+    (files.iter()).try_for_each(|(name, bytes)| write_atomically(&folder.join(name), |writer| writer.write_all(bytes)))
+}
 
 /// What can be written of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

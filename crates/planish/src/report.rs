@@ -11,10 +11,11 @@ mod model;
 mod next;
 mod solid;
 
-pub(crate) use compare::compare_page;
+pub(crate) use compare::{compare_page, compared_scene, known_mesh_scene};
 pub(crate) use contour::contour_page;
 pub(crate) use fit::fit_page;
 pub use merge::write_merge_report;
+pub(crate) use model::{kinds, model_scene_of, numbers};
 pub(crate) use next::next_page;
 pub(crate) use solid::solid_page;
 
@@ -59,11 +60,19 @@ impl ReportOutput {
         let html = page
             .html()
             .map_err(|e| Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e))?;
+        self.write_text(&html)
+    }
+
+    /// Writes a page that has been made.
+    ///
+    /// # Errors
+    /// `Io` where it cannot be written.
+    pub fn write_text(&self, html: &str) -> Result<()> {
         write_atomically(&self.path, |writer| writer.write_all(html.as_bytes()))
     }
 
     /// The command, the version, the seed, and a checksum of every file that was read; what each gave stands beside it.
-    fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
+    pub(crate) fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
         let mut files = Table::new(["file", "what it gave", "SHA-256"]);
         for (path, gave) in inputs {
             files.row([file_name(path), gave.clone(), sha256_of(path)?], false);

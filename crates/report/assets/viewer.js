@@ -31,15 +31,9 @@
   }
 
   // ---- colours ------------------------------------------------------------------------------------------------------
-  const hexes = (text) => text.match(/.{6}/g).map((h) => [0, 2, 4].map((k) => parseInt(h.slice(k, k + 2), 16) / 255));
-  const MAPS = {
-    viridis: hexes("44015448186a472d7b4240863b528b33638d2c728e26828e21918c1fa08828ae803fbc735ec96284d44baddc30d8e219fde725"),
-    cividis: hexes("00224e002e6a1a386f32436d434e6c535a6d61656f6f70737d7c788c88789b9476aba072bcae6ccdbb63dec958f0d846fee838"),
-    redblue: hexes("0530611752902a71b23f8ec06bacd19bc9e0c2ddece0ecf3f7f6f6fbe5d8fbccb4f5aa89e48066d05548ba2832930e2667001f"),
-  };
-  // Okabe and Ito's colours, told apart by every kind of colour vision.
-  const KINDS = hexes("0072b2e69f00009e73cc79a756b4e9d55e00f0e442999999");
-  const KNOWN = { 0: [0.62, 0.62, 0.64], 1: KINDS[0], 2: KINDS[1] };
+  // Maps, ranges, ticks and the colours of kinds come with the scene, as crates/report/src/colour.rs makes them.
+  const ofHex = (h) => [0, 2, 4].map((k) => parseInt(h.slice(k, k + 2), 16) / 255);
+  const MAPS = Object.fromEntries(Object.entries(scene.maps).map(([name, colours]) => [name, colours.map(ofHex)]));
   const linear = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
   function ramp(map, place) {
     const at = Math.min(Math.max(place, 0), 1) * 16;
@@ -60,43 +54,16 @@
     }
     return String(Number(value.toPrecision(digits)));
   }
-  function quantiles(values, shares) {
-    const sorted = Float32Array.from(values.filter ? values.filter(Number.isFinite) : values).sort();
-    return shares.map((s) => (sorted.length ? sorted[Math.min(sorted.length - 1, Math.floor(s * sorted.length))] : 0));
-  }
   // How a field becomes colours: { colour(value), legend }.
   function scale(field) {
-    const values = field.array;
-    if (field.kind === "category") {
-      const of = (value) => (field.key === "observed" ? KNOWN[value] : KINDS[value % KINDS.length]) || UNKNOWN;
-      return { colour: of, categories: field.categories.map(([value, label]) => ({ colour: css(of(value)), label })) };
+    if (field.categories) {
+      const colours = new Map(field.categories.map(([value, , hex]) => [value, ofHex(hex)]));
+      return { colour: (value) => colours.get(value) || UNKNOWN, categories: field.categories.map(([, label, hex]) => ({ colour: `#${hex}`, label })) };
     }
-    if (field.kind === "steps") {
-      const top = Math.max(1, ...field.categories.map(([v]) => v));
-      const of = (value) => ramp(MAPS.viridis, value / top);
-      return { colour: of, categories: field.categories.map(([value, label]) => ({ colour: css(of(value)), label })) };
-    }
-    if (field.kind === "signed") {
-      const [a, b] = quantiles(values, [0.02, 0.98]);
-      const most = field.limit || Math.max(Math.abs(a), Math.abs(b)) || 1;
-      const ticks = [-most, -most / 2, 0, most / 2, most];
-      return { colour: (v) => (Number.isFinite(v) ? ramp(MAPS.redblue, 0.5 + (0.5 * v) / most) : UNKNOWN), map: MAPS.redblue, ticks: ticks.map((t) => [0.5 + (0.5 * t) / most, t]) };
-    }
-    let [low, high] = quantiles(values, [0.01, 0.99]);
-    if (!(high > low)) high = low + (Math.abs(low) || 1) * 1e-6;
-    const map = MAPS[field.map] || MAPS.viridis;
-    if (low > 0 && high / low > 4) {
-      const [l, h] = [Math.log(low), Math.log(high)];
-      const ticks = [];
-      for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++)
-        for (const m of high / low > 100 ? [1] : high / low > 12 ? [1, 3] : [1, 2, 5]) {
-          const t = m * 10 ** e;
-          if (t >= low && t <= high) ticks.push([(Math.log(t) - l) / (h - l), t]);
-        }
-      return { colour: (v) => (v > 0 ? ramp(map, (Math.log(v) - l) / (h - l)) : UNKNOWN), map, ticks };
-    }
-    const ticks = [0, 0.25, 0.5, 0.75, 1].map((t) => [t, low + t * (high - low)]);
-    return { colour: (v) => (Number.isFinite(v) ? ramp(map, (v - low) / (high - low)) : UNKNOWN), map, ticks };
+    const { low, high, logarithmic, ticks } = field.range;
+    const map = MAPS[field.range.map];
+    const place = logarithmic ? (v) => Math.log(Math.max(v, 0) / low) / Math.log(high / low) : (v) => (v - low) / (high - low);
+    return { colour: (v) => (Number.isFinite(place(v)) ? ramp(map, place(v)) : UNKNOWN), map, ticks };
   }
   function paint(geometry, field) {
     const n = geometry.getAttribute("position").count;
@@ -294,7 +261,7 @@
   function tell(field) {
     legend.replaceChildren();
     if (!field) return;
-    const [shownUnit, factor] = field.shown || [field.unit, 1];
+    const [shownUnit] = field.shown || [field.unit];
     const unit = shownUnit ? ` / ${shownUnit}` : "";
     legend.append(element("div", { className: "legend-title" }, `${field.label}${unit}`));
     const { map, ticks, categories } = field.scale;
@@ -311,11 +278,8 @@
       const bar = element("div", { className: "bar" });
       bar.style.background = `linear-gradient(to right, ${map.map(css).join(",")})`;
       const axis = element("div", { className: "axis" });
-      let last = -1;
-      for (const [place, value] of ticks) {
-        if (place - last < 0.12 && last >= 0) continue;
-        last = place;
-        const tick = element("span", {}, number(factor * value, 3));
+      for (const [place, label] of ticks) {
+        const tick = element("span", {}, label);
         tick.style.left = `${100 * place}%`;
         tick.style.transform = `translateX(${place < 0.08 ? 0 : place > 0.92 ? -100 : -50}%)`;
         axis.append(tick);

@@ -5,6 +5,7 @@
 //!
 //! Not guaranteed: that browsers without WebGL show the 3D view; they show the rest, and say so.
 
+pub mod colour;
 pub mod numbers;
 mod page;
 pub mod plot;

@@ -212,9 +212,9 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     svg + "</svg>"
 }
 
-/// A share of a whole, part after part, in one bar: names, shares and colours of [`SHARES`].
+/// A share of a whole, part after part, in one bar: names, shares and colours, as CSS has them.
 #[must_use]
-pub fn shares(parts: &[(&str, f64, &str)]) -> String {
+pub fn shares(parts: &[(&str, f64, String)]) -> String {
     let whole: f64 = parts.iter().map(|p| p.1).sum();
     if whole <= 0.0 || !whole.is_finite() {
         return String::new();
@@ -235,9 +235,6 @@ pub fn shares(parts: &[(&str, f64, &str)]) -> String {
     }
     svg + "</svg>"
 }
-
-/// Colours of what was measured, completed and only guessed: those of the 3D view.
-pub const SHARES: [&str; 3] = ["#0072b2", "#e69f00", "#9e9ea3"];
 
 /// A tick without zeros that say nothing.
 fn trimmed(value: f64) -> String {
@@ -307,7 +304,11 @@ mod tests {
 
     #[test]
     fn shares_fill_the_bar() {
-        let svg = shares(&[("a", 3.0, "#000"), ("b", 1.0, "#111"), ("c", 0.0, "#222")]);
+        let svg = shares(&[
+            ("a", 3.0, "#000".into()),
+            ("b", 1.0, "#111".into()),
+            ("c", 0.0, "#222".into()),
+        ]);
         assert!(svg.contains("width=\"420.0\"") && svg.contains("width=\"140.0\"") && !svg.contains("#222"));
     }
 }

@@ -3,6 +3,7 @@
 //! Places of surfaces are 32-bit floats about the scene's centre, so that maps far from the origin keep their digits; places of dots and lines are
 //! steps of the scene's box over 65535, which no screen tells apart. Values are 32-bit floats, as in files of meshes, or small integers.
 
+use crate::colour::{Map, Scale, hex};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
@@ -220,6 +221,7 @@ impl Scene {
         let (from, up) = self.view();
         Some(json!({
             "unit": self.unit,
+            "maps": Map::ALL.iter().map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}"))))).collect::<serde_json::Map<_, _>>(),
             "centre": centre,
             // What is looked at, and the box that steps divide: readings may lie far outside.
             "low": about(&inner[0]),
@@ -236,7 +238,8 @@ impl Scene {
     }
 
     /// From where the scene is looked at, and what is up: a sheet from its front, other things from a corner, z up.
-    fn view(&self) -> ([f64; 3], [f64; 3]) {
+    #[must_use]
+    pub fn view(&self) -> ([f64; 3], [f64; 3]) {
         let (mut facing, mut area) = ([0.0; 3], 0.0);
         for surface in &self.surfaces {
             for t in &surface.triangles {
@@ -310,21 +313,28 @@ impl Steps {
 impl Field {
     fn packed(&self) -> Value {
         let mut made = json!({"key": self.key, "label": self.label, "unit": self.unit});
-        let categories = |list: &[(u16, String)]| json!(list);
         if let Some(shown) = &self.shown {
             made["shown"] = json!(shown);
         }
-        made["kind"] = match &self.kind {
-            FieldKind::Sequential => "sequential",
-            FieldKind::Signed(_) => "signed",
-            FieldKind::Categories(_) => "category",
-            FieldKind::Steps(_) => "steps",
-        }
-        .into();
-        match &self.kind {
-            FieldKind::Signed(Some(limit)) => made["limit"] = json!(limit),
-            FieldKind::Categories(list) | FieldKind::Steps(list) => made["categories"] = categories(list),
-            FieldKind::Sequential | FieldKind::Signed(None) => {}
+        match Scale::of(self) {
+            Scale::Range(range) => {
+                let ticks: Vec<(f64, &str)> = (range.ticks.iter())
+                    .map(|tick| (tick.place, tick.label.as_str()))
+                    .collect();
+                made["range"] = json!({
+                    "map": range.map.name(),
+                    "low": range.low,
+                    "high": range.high,
+                    "logarithmic": range.logarithmic,
+                    "ticks": ticks,
+                });
+            }
+            Scale::Kinds(kinds) => {
+                let kinds: Vec<(u16, &str, String)> = (kinds.iter())
+                    .map(|kind| (kind.value, kind.label.as_str(), hex(kind.colour)))
+                    .collect();
+                made["categories"] = json!(kinds);
+            }
         }
         made["values"] = match &self.values {
             Values::Numbers(values) => floats(values.iter().map(|v| *v as f32)),

@@ -460,6 +460,7 @@ pub(super) fn stream(
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
             progress.check("streaming", k as f64 / others.len() as f64)?;
+            progress.items(k, "readings");
         }
         let outcome = core.take(&incoming(observations, i as usize, &first.noise.used))?;
         if let Some(forming) = forming.as_deref_mut() {

@@ -333,6 +333,7 @@ pub(super) fn refine_to_noise(
                     "no reading lies near the surface: do the scans share one frame and unit?",
                 ));
             }
+            progress.rms(rms_of_positions(&feet, &information));
             let area = *area.get_or_insert_with(|| leaf_areas(&surface).iter().sum());
             let start = weight.unwrap_or_else(|| first_weight(&surface, area, &feet, &information));
             let step = normal_step(
@@ -546,6 +547,17 @@ fn first_weight(surface: &Surface, area: f64, feet: &[Foot], information: &[f64]
         area,
         (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings),
     )
+}
+
+/// Root mean square of the distances of positions that count; not finite where none does.
+fn rms_of_positions(feet: &[Foot], information: &[f64]) -> f64 {
+    let counting = feet.iter().zip(information);
+    let (squares, n) = counting
+        .filter(|(foot, weight)| foot.quantity == Quantity::Position && **weight > 0.0)
+        .fold((0.0, 0.0), |(squares, n), (foot, _)| {
+            (squares + foot.height() * foot.height(), n + 1.0)
+        });
+    (squares / n).sqrt()
 }
 
 /// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found. Of the ground

@@ -1,7 +1,7 @@
 //! The report of a comparison.
 
 use super::fit::sentence;
-use super::model::{SmallUnit, model_scene, numbers, observed_field};
+use super::model::{MOST_TRIANGLES, SmallUnit, model_scene_of, numbers, observed_field};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
 use crate::model::Observed;
 use planish_estimate::Result;
@@ -31,35 +31,8 @@ pub(crate) fn compare_page(
     let model_unit = report.unit.name();
     let main = report.forward.or(report.backward);
     let unit = SmallUnit::of(model_unit, main.map_or(1.0, |d| d.rms));
-    let mut scene = match model {
-        Compared::Surface(model) => model_scene(model, &model.posterior()?, None, None)?.0,
-        Compared::Mesh(mesh) => mesh_scene(mesh, model_unit),
-    };
-    scene.lines.clear();
-    scene.clouds.clear();
-    if let (Some(reference), Some(surface)) = (&shown.mesh, scene.surfaces.first_mut()) {
-        let observed: Option<Vec<u8>> = match model {
-            Compared::Mesh(mesh) => (mesh.observed.as_ref()).map(|o| o.iter().map(|o| o.mark()).collect()),
-            Compared::Surface(_) => marks_of(surface),
-        };
-        let field = deviation_field(reference, &surface.positions, observed.as_deref(), options, model_unit)?;
-        surface.fields.insert(0, field);
-    }
-    scene.clouds.push(reference_cloud(&shown, model_unit));
-    // A reference without faces is what is seen of the deviations.
-    if shown.mesh.is_none() {
-        scene.clouds[0].hidden = false;
-    }
-    if let Some(mesh) = shown.mesh {
-        scene.surfaces.push(SurfaceShown {
-            name: "reference".to_owned(),
-            positions: mesh.positions,
-            triangles: mesh.triangles,
-            hidden: true,
-            translucent: true,
-            ..SurfaceShown::default()
-        });
-    }
+    let normalised = shown.normalised.clone();
+    let scene = compared_scene(model, report, shown, options, MOST_TRIANGLES)?;
     let mut figures = Vec::new();
     if let Some(d) = main {
         figures.push(Figure::new(
@@ -90,10 +63,51 @@ pub(crate) fn compare_page(
         drawings: Vec::new(),
         sections: vec![
             how_far(report, unit),
-            whether_true(&shown.normalised, report),
+            whether_true(&normalised, report),
             left_out(report),
         ],
     })
+}
+
+/// A model coloured by its deviations from a reference, with the reference's points and mesh; models become about so many triangles at most.
+pub(crate) fn compared_scene(
+    model: &Compared,
+    report: &ComparisonReport,
+    shown: ShownReference,
+    options: &CompareOptions,
+    triangles: u64,
+) -> Result<Scene> {
+    let model_unit = report.unit.name();
+    let mut scene = match model {
+        Compared::Surface(model) => model_scene_of(model, &model.posterior()?, None, None, triangles)?.0,
+        Compared::Mesh(mesh) => known_mesh_scene(mesh, model_unit),
+    };
+    scene.lines.clear();
+    scene.clouds.clear();
+    if let (Some(reference), Some(surface)) = (&shown.mesh, scene.surfaces.first_mut()) {
+        let observed: Option<Vec<u8>> = match model {
+            Compared::Mesh(mesh) => (mesh.observed.as_ref()).map(|o| o.iter().map(|o| o.mark()).collect()),
+            Compared::Surface(_) => marks_of(surface),
+        };
+        let field = deviation_field(reference, &surface.positions, observed.as_deref(), options, model_unit)?;
+        surface.fields.insert(0, field);
+    }
+    scene.clouds.push(reference_cloud(&shown, model_unit));
+    // A reference without faces is what is seen of the deviations.
+    if shown.mesh.is_none() {
+        scene.clouds[0].hidden = false;
+    }
+    if let Some(mesh) = shown.mesh {
+        scene.surfaces.push(SurfaceShown {
+            name: "reference".to_owned(),
+            positions: mesh.positions,
+            triangles: mesh.triangles,
+            hidden: true,
+            translucent: true,
+            ..SurfaceShown::default()
+        });
+    }
+    Ok(scene)
 }
 
 /// The marks of `observed` that a surface is coloured by.
@@ -105,7 +119,8 @@ fn marks_of(surface: &SurfaceShown) -> Option<Vec<u8>> {
     }
 }
 
-fn mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
+/// A mesh, coloured by what its vertices state.
+pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
     let mut fields = Vec::new();
     if let Some(sigma) = &mesh.sigma {
         fields.push(numbers(

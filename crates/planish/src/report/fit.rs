@@ -7,6 +7,7 @@ use crate::model::SensorReport;
 use crate::next::{NextOptions, NextReport, next_points};
 use crate::progress::Silent;
 use planish_estimate::{ErrorKind, Result};
+use planish_report::colour::KNOWN_BY;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table, plot};
 use std::path::PathBuf;
@@ -351,7 +352,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     }
     let completed = report.propagation.as_ref().map_or(0.0, |p| p.invented_area_fraction);
     let measured = report.observed_area_fraction;
-    let [blue, orange, grey] = plot::SHARES;
+    let [grey, blue, orange] = KNOWN_BY.map(|colour| format!("#{colour:06x}"));
     blocks.push(Block::Drawing {
         svg: plot::shares(&[
             ("measured", measured, blue),

@@ -11,7 +11,7 @@ use planish_spline::Surface;
 use std::collections::BTreeMap;
 
 /// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
-const MOST_TRIANGLES: u64 = 45_000;
+pub(super) const MOST_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
 
@@ -61,7 +61,7 @@ fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
 }
 
 /// A field of numbers.
-pub(super) fn numbers(key: &str, label: &str, unit: &str, kind: FieldKind, values: Vec<f64>) -> Field {
+pub(crate) fn numbers(key: &str, label: &str, unit: &str, kind: FieldKind, values: Vec<f64>) -> Field {
     Field {
         key: key.to_owned(),
         label: label.to_owned(),
@@ -73,7 +73,7 @@ pub(super) fn numbers(key: &str, label: &str, unit: &str, kind: FieldKind, value
 }
 
 /// A field of kinds.
-pub(super) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -> Field {
+pub(crate) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -> Field {
     Field {
         key: key.to_owned(),
         label: label.to_owned(),
@@ -111,7 +111,18 @@ pub(super) fn model_scene(
     tolerance: Option<f64>,
     readings: Option<&ShownReadings>,
 ) -> Result<(Scene, f64)> {
-    let placed = placed_mesh(model, posterior, tolerance, MOST_TRIANGLES)?;
+    model_scene_of(model, posterior, tolerance, readings, MOST_TRIANGLES)
+}
+
+/// [`model_scene`] with about so many triangles at most.
+pub(crate) fn model_scene_of(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    readings: Option<&ShownReadings>,
+    most_triangles: u64,
+) -> Result<(Scene, f64)> {
+    let placed = placed_mesh(model, posterior, tolerance, most_triangles)?;
     let unit = model.unit.name();
     let tolerance = placed.mesh.tolerance;
     let mut scene = Scene {

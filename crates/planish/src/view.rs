@@ -1,0 +1,427 @@
+//! Looking at a file: as a picture without a window or a graphics card, or as a page for a browser.
+//!
+//! Comes in: a model, a mesh, points or scans, and from where to look. Goes out: a PNG with a legend ([`write_picture`]), or HTML ([`view_page`]).
+//! The same bytes at any number of threads.
+//!
+//! Not guaranteed: that pictures of different versions are the same to the last bit.
+
+mod camera;
+mod canvas;
+mod legend;
+mod shading;
+mod thing;
+
+pub use camera::{CameraAngles, Up};
+pub use thing::ViewedFile;
+
+use crate::output::refuse_input_as_output;
+use crate::progress::{Progress, WRITING_STAGE};
+use crate::report::ReportOutput;
+use camera::{Camera, Frame, axes_at, axes_from};
+use canvas::Canvas;
+use legend::Legend;
+use planish_estimate::{Error, Result};
+use planish_exchange::picture::write_colour_png;
+use planish_exchange::{Unit, check_writable, extension};
+use planish_report::colour::{Colour, Scale, UNKNOWN, screen_brightness};
+use planish_report::{Block, Field, Figure, Page, Section, Values};
+use serde::Serialize;
+use shading::{Pixel, Shape, draw};
+use std::path::{Path, PathBuf};
+use thing::Thing;
+
+/// Triangles of a model in a picture and on a page.
+const PICTURE_TRIANGLES: u64 = 600_000;
+const PAGE_TRIANGLES: u64 = 45_000;
+/// Points on a page.
+const PAGE_POINTS: usize = 400_000;
+/// What stays free at the border of a picture, as a share of its rows.
+const BORDER: f64 = 0.05;
+/// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and no wider than [`DOT_WIDTHS`].
+const DOT_WIDTH: f64 = 1.5;
+const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
+/// A thing without colours of its own.
+const CLAY: Colour = [0.84, 0.83, 0.80];
+/// What is behind, at the top and at the bottom.
+const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
+/// Angles of a camera that nobody placed, where `up` is given: those of reports.
+const FROM: CameraAngles = CameraAngles {
+    azimuth_deg: 36.25,
+    elevation_deg: 28.27,
+    zoom: 1.0,
+};
+
+/// What a picture is coloured by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColourBy {
+    /// A field of the scene, by its key.
+    Field(&'static str),
+    /// The direction of the normal, as the camera sees it.
+    Normal,
+    /// Nothing.
+    Plain,
+}
+
+/// How a picture is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PictureOptions {
+    /// From where; the view of a report where none is given.
+    pub camera: Option<CameraAngles>,
+    /// What is up; z where none is given.
+    pub up: Option<Up>,
+    /// By what; the deviation where there is one, else σ, else what kinds of parts there are, where none is given.
+    pub colour: Option<ColourBy>,
+    /// Columns and rows.
+    pub size: [usize; 2],
+}
+
+impl Default for PictureOptions {
+    fn default() -> Self {
+        Self {
+            camera: None,
+            up: None,
+            colour: None,
+            size: [1280, 960],
+        }
+    }
+}
+
+/// What was drawn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PictureReport {
+    /// Unit of every length, where it is known.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
+    /// Files that were read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// What the file holds, in one sentence.
+    pub what: String,
+    /// What it is coloured by: the key of a field, `normal` or `plain`.
+    pub color: String,
+    /// Values of the first and of the last colour, in the unit of the file; none of kinds.
+    pub color_range: Option<[f64; 2]>,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Share of the picture that the thing covers.
+    pub covered: f64,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Checks where a picture goes, before the work.
+///
+/// # Errors
+/// `Unsupported` for other extensions than `.png`; `Input` for one of the inputs; `Io` where it cannot be written.
+pub fn check_picture(path: &Path, inputs: &[PathBuf]) -> Result<()> {
+    if extension(path) != "png" {
+        return Err(Error::unsupported(format!(
+            "{}: a view is written as a picture (.png) or as a page (.html)",
+            path.display()
+        )));
+    }
+    refuse_input_as_output(path, inputs)?;
+    check_writable(path)
+}
+
+/// Draws a file as a PNG.
+///
+/// Cost: a second for a million pixels of a million triangles on two cores, and 600 bytes of memory a pixel.
+///
+/// # Errors
+/// As the readers; `Unsupported` for STEP files; `Input` where the file does not hold what it is to be coloured by; `Io` where nothing can be written.
+///
+/// # Examples
+/// ```no_run
+/// use planish::view::{PictureOptions, ViewedFile, write_picture};
+/// let part = ViewedFile { file: "part.ply".into(), ..ViewedFile::default() };
+/// let options = PictureOptions { camera: Some("iso".parse()?), ..PictureOptions::default() };
+/// write_picture(&part, &options, "part.png".as_ref(), &planish::progress::Silent)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn write_picture(
+    viewed: &ViewedFile,
+    options: &PictureOptions,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<PictureReport> {
+    let thing = Thing::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
+    progress.check("drawing", 0.5)?;
+    let drawn = drawn(&thing, options).map_err(|e| e.in_context(viewed.file.display()))?;
+    progress.check(WRITING_STAGE, 0.9)?;
+    write_colour_png(path, options.size, &drawn.canvas.bytes())?;
+    Ok(PictureReport {
+        unit: thing.unit,
+        inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
+        what: thing.headline,
+        color: drawn.key,
+        color_range: drawn.range,
+        size: options.size,
+        covered: drawn.covered,
+        warnings: thing.warnings,
+    })
+}
+
+/// A page that shows a file; [`ReportOutput::write_text`] writes it.
+///
+/// # Errors
+/// As [`write_picture`].
+pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Progress) -> Result<ViewedPage> {
+    let thing = Thing::read(viewed, PAGE_TRIANGLES, PAGE_POINTS, progress)?;
+    progress.check("drawing", 0.5)?;
+    let mut page = Page {
+        job: "view".to_owned(),
+        title: crate::report::file_name(&viewed.file),
+        headline: thing.headline.clone(),
+        figures: vec![Figure::new("size", thing.size(), "of its box")],
+        ..Page::default()
+    };
+    if !thing.warnings.is_empty() {
+        let blocks = thing.warnings.iter().cloned().map(Block::Text).collect();
+        page.sections.push(Section::new("What to know", blocks));
+    }
+    page.scene = Some(thing.scene);
+    page.sections.push(output.provenance(&thing.inputs)?);
+    Ok(ViewedPage {
+        html: page
+            .html()
+            .map_err(|e| Error::input("the page could not be made").with_source(e))?,
+        what: thing.headline,
+        unit: thing.unit,
+        inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
+        warnings: thing.warnings,
+    })
+}
+
+/// A page of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewedPage {
+    /// The page.
+    pub html: String,
+    /// What the file holds, in one sentence.
+    pub what: String,
+    /// Unit of every length, where it is known.
+    pub unit: Option<Unit>,
+    /// Files that were read.
+    pub inputs: Vec<PathBuf>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A finished picture.
+struct Drawn {
+    canvas: Canvas,
+    key: String,
+    range: Option<[f64; 2]>,
+    covered: f64,
+}
+
+fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
+    let [columns, rows] = options.size;
+    let field = chosen_field(thing, options.colour)?;
+    let scale = field.map(Scale::of);
+    let places = thing.places();
+    let border = BORDER * rows.min(columns) as f64;
+    let frame = Frame {
+        low: [border; 2],
+        high: [
+            columns as f64 - border,
+            rows as f64 - border.max(legend::height(options.size)),
+        ],
+    };
+    let axes = match (options.camera, options.up) {
+        (None, None) => {
+            let (from, up) = thing.scene.view();
+            axes_from(from, up)?
+        }
+        (camera, up) => axes_at(&camera.unwrap_or(FROM), up.unwrap_or_default()),
+    };
+    let zoom = options.camera.map_or(1.0, |camera| camera.zoom);
+    let camera = Camera::of(&places, axes, frame, zoom)?;
+    let by_normal = options.colour == Some(ColourBy::Normal);
+    let pixels = pixels(thing, field, scale.as_ref(), by_normal, &camera, options.size);
+    let covered = pixels.iter().map(|p| p.covered).sum::<f64>() / pixels.len().max(1) as f64;
+    let mut canvas = Canvas::new(columns, rows, on_paper(&pixels, columns))?;
+    let title = match field {
+        Some(field) => with_unit(field),
+        None if by_normal => "normals: right is red, up green, towards the camera blue".to_owned(),
+        None => String::new(),
+    };
+    let legend = Legend {
+        title,
+        size: thing.size(),
+        scale,
+    };
+    legend::draw(&mut canvas, &legend, &camera);
+    Ok(Drawn {
+        canvas,
+        key: field.map_or(if by_normal { "normal" } else { "plain" }.to_owned(), |f| f.key.clone()),
+        range: match &legend.scale {
+            Some(Scale::Range(range)) => Some([range.low, range.high]),
+            _ => None,
+        },
+        covered,
+    })
+}
+
+fn with_unit(field: &Field) -> String {
+    let unit = field.shown.as_ref().map_or(&field.unit, |(unit, _)| unit);
+    if unit.is_empty() {
+        field.label.clone()
+    } else {
+        format!("{} / {unit}", field.label)
+    }
+}
+
+/// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a reference's points stand behind.
+fn fields(thing: &Thing) -> impl Iterator<Item = &Field> {
+    let surfaces = thing
+        .scene
+        .surfaces
+        .iter()
+        .filter(|s| !s.hidden)
+        .flat_map(|s| &s.fields);
+    let clouds = thing.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
+    surfaces.chain(clouds)
+}
+
+/// The field that colours a picture; none for normals and plain ones.
+fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field>> {
+    let find = |key: &str| fields(thing).find(|field| field.key == key);
+    match colour {
+        None => Ok(find("deviation").or_else(|| fields(thing).next())),
+        Some(ColourBy::Plain) => Ok(None),
+        Some(ColourBy::Normal) => {
+            let has_surface = thing.scene.surfaces.iter().any(|s| !s.hidden);
+            if has_surface || thing.normals.is_some() {
+                Ok(None)
+            } else {
+                Err(Error::input("needed points with normals to colour by, found none"))
+            }
+        }
+        Some(ColourBy::Field(key)) => match find(key) {
+            Some(field) => Ok(Some(field)),
+            None => {
+                let way_out = if key == "deviation" {
+                    ": name what it deviates from with --reference"
+                } else {
+                    ""
+                };
+                let mut known: Vec<String> = fields(thing).map(|f| f.key.replace('_', "-")).collect();
+                known.push("plain".to_owned());
+                Err(Error::input(format!(
+                    "holds no {} to colour by{way_out}; it has {}",
+                    key.replace('_', " "),
+                    known.join(", ")
+                )))
+            }
+        },
+    }
+}
+
+/// Draws what a thing shows at first. What does not hold the field has the colour of clay.
+fn pixels(
+    thing: &Thing,
+    field: Option<&Field>,
+    scale: Option<&Scale>,
+    by_normal: bool,
+    camera: &Camera,
+    size: [usize; 2],
+) -> Vec<Pixel> {
+    let values_of = |fields: &[Field]| -> Option<Vec<f64>> {
+        let values = &fields
+            .iter()
+            .find(|f| field.is_some_and(|wanted| wanted.key == f.key))?
+            .values;
+        Some(match values {
+            Values::Numbers(numbers) => numbers.clone(),
+            Values::Kinds(kinds) => kinds.iter().map(|k| f64::from(*k)).collect(),
+        })
+    };
+    let are_kinds = matches!(scale, Some(Scale::Kinds(_)));
+    let surfaces: Vec<_> = thing.scene.surfaces.iter().filter(|s| !s.hidden).collect();
+    let clouds: Vec<_> = thing.scene.clouds.iter().filter(|c| !c.hidden).collect();
+    let surface_values: Vec<Option<Vec<f64>>> = surfaces.iter().map(|s| values_of(&s.fields)).collect();
+    let cloud_values: Vec<Option<Vec<f64>>> = clouds.iter().map(|c| values_of(&c.fields)).collect();
+    let of_surface: Vec<_> = (surfaces.iter().zip(&surface_values))
+        .map(|(surface, values)| {
+            move |triangle: usize, weights: [f64; 3]| match (values, scale) {
+                (Some(values), Some(scale)) => {
+                    let corners = surface.triangles[triangle].map(|k| values[k as usize]);
+                    scale.colour(if are_kinds {
+                        let most = (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
+                        corners[most]
+                    } else {
+                        (0..3).map(|k| weights[k] * corners[k]).sum()
+                    })
+                }
+                _ => CLAY,
+            }
+        })
+        .collect();
+    let of_cloud: Vec<_> = (cloud_values.iter())
+        .map(|values| {
+            move |dot: usize| match (values, scale) {
+                (Some(values), Some(scale)) => scale.colour(values[dot]),
+                (None, Some(_)) => UNKNOWN,
+                _ => CLAY,
+            }
+        })
+        .collect();
+    let mut shapes: Vec<Shape<'_>> = (surfaces.iter().zip(&of_surface))
+        .map(|(surface, colour)| Shape::Surface {
+            positions: &surface.positions,
+            triangles: &surface.triangles,
+            colour: (!by_normal).then_some(colour as _),
+        })
+        .collect();
+    for (k, cloud) in clouds.iter().enumerate() {
+        let colour = &of_cloud[k];
+        shapes.push(Shape::Dots {
+            positions: &cloud.positions,
+            normals: thing.normals.as_deref().filter(|_| k == 0),
+            colour: (!by_normal).then_some(colour as _),
+            width: dot_width(&cloud.positions, camera, size),
+        });
+    }
+    draw(&shapes, camera, size)
+}
+
+/// So wide that dots of a surface that is seen from its front nearly touch.
+fn dot_width(positions: &[[f64; 3]], camera: &Camera, [columns, rows]: [usize; 2]) -> f64 {
+    // The share of a coarse grid over the picture that holds dots tells the area that they cover.
+    const CELLS: usize = 96;
+    let cell = [columns, rows].map(|n| n as f64 / CELLS as f64);
+    let mut filled = vec![false; CELLS * CELLS];
+    let mut inside = 0_usize;
+    for p in positions {
+        let at = camera.project(*p).at;
+        let [x, y] = [0, 1].map(|k| at[k] / cell[k]);
+        if (0.0..CELLS as f64).contains(&x) && (0.0..CELLS as f64).contains(&y) {
+            filled[y as usize * CELLS + x as usize] = true;
+            inside += 1;
+        }
+    }
+    let area = filled.iter().filter(|f| **f).count() as f64 * cell[0] * cell[1];
+    let [least, most] = DOT_WIDTHS.map(|w| w * rows.max(480) as f64 / 960.0);
+    (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(least, most)
+}
+
+/// Pixels on what is behind them, as a screen shows them.
+fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
+    use planish_report::colour::linear_light;
+    let rows = pixels.len() / columns.max(1);
+    let paper = |row: usize| -> Colour {
+        let share = row as f64 / rows.max(1) as f64;
+        std::array::from_fn(|c| linear_light(PAPER[0][c] + share * (PAPER[1][c] - PAPER[0][c])))
+    };
+    (pixels.iter().enumerate())
+        .map(|(k, pixel)| {
+            let behind = paper(k / columns);
+            std::array::from_fn(|c| {
+                let light = pixel.covered * pixel.light[c] + (1.0 - pixel.covered) * behind[c];
+                screen_brightness(light)
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,305 @@
+//! From where a thing is looked at: directions by angles or names, and the projection onto a picture.
+
+use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, Projected};
+use std::str::FromStr;
+
+/// The camera's distance from the middle of a thing, over the diagonal of its box: near enough for depth to show, far enough to distort nothing.
+const DISTANCE: f64 = 2.6;
+/// Azimuth and elevation of `iso`, in degrees: equal angles with all three axes.
+const ISO_DEG: [f64; 2] = [45.0, 35.264_389_682_754_654];
+
+/// A direction along an axis that is up in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Up {
+    axis: usize,
+    sign: f64,
+}
+
+impl Default for Up {
+    fn default() -> Self {
+        Self { axis: 2, sign: 1.0 }
+    }
+}
+
+impl FromStr for Up {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (sign, name) = match text.strip_prefix(['-', '−']) {
+            Some(name) => (-1.0, name),
+            None => (1.0, text),
+        };
+        match ["x", "y", "z"].iter().position(|axis| *axis == name) {
+            Some(axis) => Ok(Self { axis, sign }),
+            None => Err(format!("needed an axis: x, y, z, -x, -y or -z; found {text:?}")),
+        }
+    }
+}
+
+impl Up {
+    /// The direction.
+    #[must_use]
+    pub fn direction(self) -> [f64; 3] {
+        let mut up = [0.0; 3];
+        up[self.axis] = self.sign;
+        up
+    }
+
+    /// To the right of who looks from the front: x, or y where x is up.
+    fn right(self) -> [f64; 3] {
+        if self.axis == 0 {
+            [0.0, 1.0, 0.0]
+        } else {
+            [1.0, 0.0, 0.0]
+        }
+    }
+}
+
+/// A direction from which a thing is looked at, by angles.
+///
+/// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the right: 90 is the right side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraAngles {
+    /// About what is up, in degrees.
+    pub azimuth_deg: f64,
+    /// Above the level of the thing, in degrees from −90 to 90.
+    pub elevation_deg: f64,
+    /// How much larger than what just fits.
+    pub zoom: f64,
+}
+
+impl FromStr for CameraAngles {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        const NEEDED: &str = "needed AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or 30,20,1.5), or front, back, left, right, \
+                              top, bottom or iso";
+        let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self {
+            azimuth_deg,
+            elevation_deg,
+            zoom: 1.0,
+        };
+        let (name, zoom) = match text.split_once(',') {
+            Some((name, zoom)) if name.parse::<f64>().is_err() => (name, Some(zoom)),
+            _ => (text, None),
+        };
+        let mut found = match name {
+            "front" => named([0.0, 0.0]),
+            "right" => named([90.0, 0.0]),
+            "back" => named([180.0, 0.0]),
+            "left" => named([-90.0, 0.0]),
+            "top" => named([0.0, 90.0]),
+            "bottom" => named([0.0, -90.0]),
+            "iso" => named(ISO_DEG),
+            _ => {
+                let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+                match numbers.as_deref() {
+                    Ok(&[azimuth, elevation]) => named([azimuth, elevation]),
+                    Ok(&[azimuth, elevation, zoom]) => Self {
+                        zoom,
+                        ..named([azimuth, elevation])
+                    },
+                    _ => return Err(format!("{NEEDED}; found {text:?}")),
+                }
+            }
+        };
+        if let Some(zoom) = zoom {
+            found.zoom = zoom.trim().parse().map_err(|_| format!("{NEEDED}; found {text:?}"))?;
+        }
+        if !found.azimuth_deg.is_finite() || !(-90.0..=90.0).contains(&found.elevation_deg) {
+            return Err(format!("needed an elevation from -90 to 90 degrees; found {text:?}"));
+        }
+        if !(0.01..=1000.0).contains(&found.zoom) {
+            return Err(format!("needed a zoom from 0.01 to 1000; found {text:?}"));
+        }
+        Ok(found)
+    }
+}
+
+/// The directions of a picture: to the right, up, and from the thing to the camera.
+pub(super) type Axes = [[f64; 3]; 3];
+
+/// The axes of a camera that stands at these angles.
+pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
+    let (upwards, across) = (up.direction(), up.right());
+    let front = cross(across, upwards);
+    let [azimuth, elevation] = [angles.azimuth_deg, angles.elevation_deg].map(f64::to_radians);
+    let level = add(scale(azimuth.sin(), across), scale(azimuth.cos(), front));
+    let from = add(scale(elevation.cos(), level), scale(elevation.sin(), upwards));
+    let right = add(scale(azimuth.cos(), across), scale(-azimuth.sin(), front));
+    [right, cross(from, right), from]
+}
+
+/// The axes of a camera that looks from this direction.
+pub(super) fn axes_from(from: [f64; 3], up: [f64; 3]) -> Result<Axes> {
+    let found = unit(from).and_then(|from| Some((from, unit(cross(up, from))?)));
+    let (from, right) = found.ok_or_else(|| Error::input("a camera that looks along what is up"))?;
+    Ok([right, cross(from, right), from])
+}
+
+/// Where in a picture the thing is to be: from the left and the top, in pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frame {
+    pub low: [f64; 2],
+    pub high: [f64; 2],
+}
+
+/// A pinhole that looks at a thing.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Camera {
+    at: [f64; 3],
+    /// The directions of the picture.
+    pub axes: Axes,
+    /// Pixels over tangents.
+    pub focal: f64,
+    /// Column and row of what is straight ahead.
+    middle: [f64; 2],
+    /// Diagonal of the thing's box.
+    pub diagonal: f64,
+}
+
+impl Camera {
+    /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
+    pub(super) fn of(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
+        let bounds = BoundingBox::of(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
+        let mut camera = Self {
+            at: add_scaled(bounds.center(), DISTANCE * diagonal, axes[2]),
+            axes,
+            focal: 1.0,
+            middle: [0.0; 2],
+            diagonal,
+        };
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for p in points {
+            let Projected { at, .. } = camera.project(*p);
+            for k in 0..2 {
+                low[k] = low[k].min(at[k]);
+                high[k] = high[k].max(at[k]);
+            }
+        }
+        let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
+        camera.focal = zoom * room(0).min(room(1));
+        camera.middle = [0, 1].map(|k| 0.5 * (frame.low[k] + frame.high[k]) - camera.focal * 0.5 * (low[k] + high[k]));
+        Ok(camera)
+    }
+
+    /// Column and row, from the left and the top, and the distance along the camera's axis.
+    pub(super) fn project(&self, p: [f64; 3]) -> Projected {
+        let off = sub(p, self.at);
+        let depth = -dot(off, self.axes[2]);
+        Projected {
+            at: [
+                self.middle[0] + self.focal * dot(off, self.axes[0]) / depth,
+                self.middle[1] - self.focal * dot(off, self.axes[1]) / depth,
+            ],
+            depth,
+        }
+    }
+
+    /// A place of the picture at a depth: to the right, up, and towards the camera, from the camera.
+    pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> [f64; 3] {
+        [
+            (column - self.middle[0]) / self.focal * depth,
+            -(row - self.middle[1]) / self.focal * depth,
+            -depth,
+        ]
+    }
+
+    /// A direction of the world in the picture's axes.
+    pub(super) fn turned(&self, direction: [f64; 3]) -> [f64; 3] {
+        self.axes.map(|axis| dot(axis, direction))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::norm;
+
+    fn close(a: [f64; 3], b: [f64; 3]) {
+        assert!(norm(sub(a, b)) < 1e-12, "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn named_views_look_from_where_they_say() {
+        let z = Up::default();
+        let axes = |text: &str, up: Up| axes_at(&text.parse().unwrap(), up);
+        close(axes("front", z)[2], [0.0, -1.0, 0.0]);
+        close(axes("right", z)[2], [1.0, 0.0, 0.0]);
+        close(axes("left", z)[2], [-1.0, 0.0, 0.0]);
+        close(axes("back", z)[2], [0.0, 1.0, 0.0]);
+        close(axes("top", z)[2], [0.0, 0.0, 1.0]);
+        // From above, what is away from the front is up.
+        close(axes("top", z)[1], [0.0, 1.0, 0.0]);
+        close(axes("bottom", z)[1], [0.0, -1.0, 0.0]);
+        close(axes("iso", z)[2], [1.0, -1.0, 1.0].map(|c: f64| c / 3.0_f64.sqrt()));
+        let y: Up = "y".parse().unwrap();
+        close(axes("front", y)[2], [0.0, 0.0, 1.0]);
+        close(axes("right", y)[2], [1.0, 0.0, 0.0]);
+        for up in ["x", "-x", "y", "-y", "z", "-z"] {
+            let [right, upwards, from] = axes("0,0", up.parse().unwrap());
+            close(cross(right, upwards), from);
+            close(upwards, up.parse::<Up>().unwrap().direction());
+        }
+    }
+
+    #[test]
+    fn cameras_are_read_or_refused_with_what_is_needed() {
+        let read = |text: &str| text.parse::<CameraAngles>();
+        assert_eq!(read("-30,20,2").unwrap().zoom, 2.0);
+        assert_eq!(
+            read("top,1.5").unwrap(),
+            CameraAngles {
+                zoom: 1.5,
+                ..read("top").unwrap()
+            }
+        );
+        for (text, words) in [
+            ("side", "front, back"),
+            ("1", "AZIMUTH,ELEVATION"),
+            ("0,91", "-90 to 90"),
+            ("0,0,0", "zoom from"),
+            ("nan,0", "elevation"),
+            ("iso,big", "ZOOM"),
+        ] {
+            let e = read(text).unwrap_err();
+            assert!(e.contains(words), "{text}: {e}");
+        }
+        assert!("w".parse::<Up>().is_err());
+    }
+
+    #[test]
+    fn all_of_a_thing_is_within_the_frame() {
+        let points: Vec<[f64; 3]> = (0..8)
+            .map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from))
+            .map(|[x, y, z]| [5.0 * x + 100.0, y, 3.0 * z])
+            .collect();
+        let frame = Frame {
+            low: [10.0, 20.0],
+            high: [200.0, 120.0],
+        };
+        let angles: CameraAngles = "25,15".parse().unwrap();
+        let camera = Camera::of(&points, axes_at(&angles, Up::default()), frame, 1.0).unwrap();
+        let at: Vec<[f64; 2]> = points.iter().map(|p| camera.project(*p).at).collect();
+        let reach = |k: usize| {
+            let values = at.iter().map(|a| a[k]);
+            [
+                values.clone().fold(f64::INFINITY, f64::min),
+                values.fold(f64::NEG_INFINITY, f64::max),
+            ]
+        };
+        let [columns, rows] = [reach(0), reach(1)];
+        assert!(columns[0] >= 10.0 - 1e-9 && columns[1] <= 200.0 + 1e-9);
+        assert!(rows[0] >= 20.0 - 1e-9 && rows[1] <= 120.0 + 1e-9);
+        // One of the two directions is filled, and the thing is in the middle of both.
+        assert!((columns[1] - columns[0] - 190.0).abs() < 1e-6 || (rows[1] - rows[0] - 100.0).abs() < 1e-6);
+        assert!((columns[0] + columns[1] - 210.0).abs() < 1e-6 && (rows[0] + rows[1] - 140.0).abs() < 1e-6);
+        // Places are the inverse of projections.
+        let seen = camera.project(points[3]);
+        let expected = sub(points[3], camera.at);
+        close(camera.place(seen.at, seen.depth), camera.turned(expected));
+    }
+}

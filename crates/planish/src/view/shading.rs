@@ -1,0 +1,354 @@
+//! Light on what a camera sees: matt surfaces lit over the left shoulder, darker where others are near, and dots that stand out by their depth.
+//!
+//! Comes in: [`Shape`]s with a colour for each place. Goes out: linear light for each pixel, and how much of it is covered.
+//!
+//! What darkens folds is *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy screen-space ambient obscurance algorithm”, 2011, equation 10);
+//! what separates dots is *eye-dome lighting* (Boucheny, 2009).
+//!
+//! Not guaranteed: shadows; that light says anything of the material.
+
+use super::camera::Camera;
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_mesh::{DepthBuffer, Projected, Seen};
+use planish_report::colour::{Colour, linear_light};
+use rayon::prelude::*;
+
+/// Places along each side of a pixel that are drawn, and of pictures with more pixels than [`LARGE`].
+const SAMPLES: [usize; 2] = [3, 2];
+const LARGE: usize = 8_000_000;
+/// Places of the depth buffer that are held at a time, about.
+const MOST_PLACES: usize = 16_000_000;
+/// Faces that meet at more than this angle, in degrees, have an edge between them.
+const SMOOTH_DEG: f64 = 40.0;
+/// Over the left shoulder: to the right, up, and towards the camera.
+const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
+/// Shares of the light that come from above and below, and of the lamp.
+const SKY: f64 = 0.44;
+const GROUND: f64 = 0.24;
+const DIRECT: f64 = 0.72;
+/// The lamp reaches so far around a thing, as a cosine: its edge of light is soft.
+const AROUND: f64 = 0.4;
+/// Reach of obscurance, over the diagonal of the thing; how dark it makes; places that are asked.
+const REACH: f64 = 0.035;
+const OBSCURANCE: f64 = 1.5;
+const ASKED: usize = 48;
+/// An angle by which neighbours on a spiral never line up.
+const GOLDEN: f64 = 2.399_963_229_728_653;
+/// How dark the dots behind others are, for each unit of slope, and the steepest slope that counts.
+const DOTS_APART: f64 = 0.14;
+const STEEPEST: f64 = 4.0;
+
+/// What is drawn.
+pub(super) enum Shape<'a> {
+    /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the picture's axes) where none are given.
+    Surface {
+        positions: &'a [[f64; 3]],
+        triangles: &'a [[u32; 3]],
+        colour: Option<&'a PlaceColour<'a>>,
+    },
+    /// Dots with a colour and maybe a normal each, so many pixels wide.
+    Dots {
+        positions: &'a [[f64; 3]],
+        normals: Option<&'a [[f64; 3]]>,
+        colour: Option<&'a DotColour<'a>>,
+        width: f64,
+    },
+}
+
+/// The colour of a place on a triangle: its index, and weights of its corners.
+pub(super) type PlaceColour<'a> = dyn Fn(usize, [f64; 3]) -> Colour + Sync + 'a;
+/// The colour of a dot.
+pub(super) type DotColour<'a> = dyn Fn(usize) -> Colour + Sync + 'a;
+
+/// A direction as a colour: to the right is red, up is green, towards the camera is blue.
+pub(super) fn normal_colour(normal: [f64; 3]) -> Colour {
+    normal.map(|c| 0.5 + 0.5 * c)
+}
+
+/// What a pixel saw.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pixel {
+    /// Linear light, of the part that is covered.
+    pub light: [f64; 3],
+    /// Share that is covered.
+    pub covered: f64,
+    /// Mean distance along the camera's axis.
+    depth: f64,
+    /// Mean normal, in the picture's axes.
+    normal: [f64; 3],
+    is_dot: bool,
+    /// Whether its colour is to be read as a value: nothing darkens it.
+    is_value: bool,
+}
+
+/// A shape with what light needs of it.
+struct Prepared<'a> {
+    shape: &'a Shape<'a>,
+    /// The first of its triangles, in the depth buffer.
+    first: usize,
+    /// Normals of the corners of its triangles, in the picture's axes.
+    normals: Vec<[[f32; 3]; 3]>,
+}
+
+/// Corners of a dot's outline.
+const OUTLINE: usize = 6;
+
+/// Draws shapes: every pixel, row by row.
+pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usize; 2]) -> Vec<Pixel> {
+    let samples = SAMPLES[usize::from(columns * rows > LARGE)];
+    let fine = |p: Projected| Projected {
+        at: p.at.map(|x| samples as f64 * x),
+        ..p
+    };
+    let (mut corners, mut triangles) = (Vec::new(), Vec::new());
+    let mut prepared = Vec::with_capacity(shapes.len());
+    for shape in shapes {
+        let (first, base) = (triangles.len(), corners.len() as u32);
+        let mut normals = Vec::new();
+        match shape {
+            Shape::Surface {
+                positions,
+                triangles: own,
+                ..
+            } => {
+                corners.extend(positions.iter().map(|p| fine(camera.project(*p))));
+                triangles.extend(own.iter().map(|t| t.map(|k| base + k)));
+                normals = corner_normals(positions, own, camera);
+            }
+            Shape::Dots { positions, width, .. } => {
+                for (k, p) in positions.iter().enumerate() {
+                    let middle = fine(camera.project(*p));
+                    let radius = 0.5 * width * samples as f64;
+                    corners.extend((0..OUTLINE).map(|c| {
+                        let angle = std::f64::consts::TAU * c as f64 / OUTLINE as f64;
+                        Projected {
+                            at: [middle.at[0] + radius * angle.cos(), middle.at[1] + radius * angle.sin()],
+                            ..middle
+                        }
+                    }));
+                    let corner = base + (OUTLINE * k) as u32;
+                    triangles.extend((1..OUTLINE as u32 - 1).map(|c| [corner, corner + c, corner + c + 1]));
+                }
+            }
+        }
+        prepared.push(Prepared { shape, first, normals });
+    }
+    let strip = (MOST_PLACES / (samples * samples * columns).max(1)).clamp(1, rows.max(1));
+    let mut pixels = Vec::with_capacity(columns * rows);
+    for first in (0..rows).step_by(strip) {
+        let last = (first + strip).min(rows);
+        let buffer = DepthBuffer::draw_rows(samples * columns, samples * first..samples * last, &corners, &triangles);
+        let places = first * columns..last * columns;
+        let drawn = places.into_par_iter().with_min_len(64);
+        pixels.par_extend(drawn.map(|place| {
+            let [column, row] = [place % columns, place / columns];
+            let seen =
+                (0..samples * samples).map(|k| buffer.at(samples * column + k % samples, samples * row + k / samples));
+            pixel(&prepared, camera, seen, (samples * samples) as f64)
+        }));
+    }
+    obscured(&pixels, camera, [columns, rows])
+}
+
+/// The mean of a pixel's samples.
+fn pixel(prepared: &[Prepared<'_>], camera: &Camera, samples: impl Iterator<Item = Option<Seen>>, all: f64) -> Pixel {
+    let mut mean = Pixel::default();
+    let mut n = 0.0;
+    for seen in samples.flatten() {
+        let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
+        let (light, normal) = lit(&prepared[which], camera, &seen);
+        mean.light = add_scaled(mean.light, 1.0, light);
+        mean.normal = add_scaled(mean.normal, 1.0, normal);
+        mean.depth += seen.depth;
+        match prepared[which].shape {
+            Shape::Surface { colour, .. } => mean.is_value |= colour.is_none(),
+            Shape::Dots { colour, .. } => {
+                mean.is_dot = true;
+                mean.is_value |= colour.is_none();
+            }
+        }
+        n += 1.0;
+    }
+    if n > 0.0 {
+        mean.light = scale(1.0 / n, mean.light);
+        mean.normal = unit(mean.normal).unwrap_or([0.0, 0.0, 1.0]);
+        mean.depth /= n;
+        mean.covered = n / all;
+    }
+    mean
+}
+
+/// Linear light of a sample, and its normal towards the camera.
+fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3]) {
+    let index = seen.triangle as usize - of.first;
+    match of.shape {
+        Shape::Surface { colour, .. } => {
+            let corners = &of.normals[index];
+            let mixed = (corners.iter().zip(seen.barycentric))
+                .fold([0.0; 3], |sum, (n, w)| add_scaled(sum, w, n.map(f64::from)));
+            let normal = towards_camera(unit(mixed).unwrap_or([0.0, 0.0, 1.0]));
+            match colour {
+                Some(colour) => {
+                    let light = brightness(normal);
+                    let own = colour(index, seen.barycentric).map(linear_light);
+                    (scale(light, own), normal)
+                }
+                None => (normal_colour(normal).map(linear_light), normal),
+            }
+        }
+        Shape::Dots { normals, colour, .. } => {
+            let dot_index = index / (OUTLINE - 2);
+            let known = normals.and_then(|n| unit(camera.turned(n[dot_index])));
+            let normal = towards_camera(known.unwrap_or([0.0, 0.0, 1.0]));
+            let light = known.map_or(0.95, |_| brightness(normal));
+            match colour {
+                Some(colour) => (scale(light, colour(dot_index).map(linear_light)), normal),
+                None => (normal_colour(normal).map(linear_light), normal),
+            }
+        }
+    }
+}
+
+fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
+    if normal[2] < 0.0 { scale(-1.0, normal) } else { normal }
+}
+
+/// Light on a matt surface of this normal.
+fn brightness(normal: [f64; 3]) -> f64 {
+    let sky = 0.5 + 0.5 * normal[1];
+    let lamp = dot(normal, LAMP) / norm(LAMP);
+    let reached = ((lamp + AROUND) / (1.0 + AROUND)).max(0.0);
+    GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
+}
+
+/// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet smoothly.
+fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
+    // Files may hold a place several times, once for each of the faces that meet there.
+    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+    let bits = |k: u32| positions[k as usize].map(|c| (c + 0.0).to_bits());
+    order.par_sort_unstable_by_key(|&k| bits(k));
+    let mut place_of = vec![0_u32; positions.len()];
+    let mut places = 0_u32;
+    for (n, &k) in order.iter().enumerate() {
+        if n > 0 && bits(order[n - 1]) != bits(k) {
+            places += 1;
+        }
+        place_of[k as usize] = places;
+    }
+    let face: Vec<[f64; 3]> = (triangles.par_iter())
+        .map(|t| {
+            let [a, b, c] = t.map(|k| positions[k as usize]);
+            camera.turned(cross(sub(b, a), sub(c, a)))
+        })
+        .collect();
+    // Faces around every place, one list after the other.
+    let mut starts = vec![0_u32; places as usize + 2];
+    for k in triangles.as_flattened() {
+        starts[place_of[*k as usize] as usize + 1] += 1;
+    }
+    for k in 1..starts.len() {
+        starts[k] += starts[k - 1];
+    }
+    let mut next = starts.clone();
+    let mut around = vec![0_u32; 3 * triangles.len()];
+    for (t, corners) in triangles.iter().enumerate() {
+        for k in corners {
+            let at = &mut next[place_of[*k as usize] as usize];
+            around[*at as usize] = t as u32;
+            *at += 1;
+        }
+    }
+    let smooth = SMOOTH_DEG.to_radians().cos();
+    (triangles.par_iter().enumerate())
+        .map(|(t, corners)| {
+            let own = unit(face[t]);
+            corners.map(|k| {
+                let place = place_of[k as usize] as usize;
+                let all = &around[starts[place] as usize..starts[place + 1] as usize];
+                let sum = all.iter().fold([0.0; 3], |sum, &other| {
+                    let other = face[other as usize];
+                    let meets = own.is_none_or(|own| dot(own, other) >= smooth * norm(other));
+                    if meets { add_scaled(sum, 1.0, other) } else { sum }
+                });
+                unit(sum).or(own).unwrap_or([0.0, 0.0, 1.0]).map(|c| c as f32)
+            })
+        })
+        .collect()
+}
+
+/// Pixels with folds darkened, and dots that lie behind others.
+fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
+    let [columns, _] = size;
+    // Places over a disc, evenly.
+    let spiral: Vec<[f64; 2]> = (0..ASKED)
+        .map(|k| {
+            let radius = ((k as f64 + 0.5) / ASKED as f64).sqrt();
+            let (sine, cosine) = (GOLDEN * k as f64).sin_cos();
+            [radius * cosine, radius * sine]
+        })
+        .collect();
+    (0..pixels.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|k| {
+            let mut pixel = pixels[k];
+            if pixel.covered > 0.0 && !pixel.is_value {
+                let at = [k % columns, k / columns];
+                let share = if pixel.is_dot {
+                    dots_apart(pixels, camera, size, at)
+                } else {
+                    obscurance(pixels, camera, size, at, &spiral)
+                };
+                pixel.light = scale(share, pixel.light);
+            }
+            pixel
+        })
+        .collect()
+}
+
+/// The pixel at a place, where something is seen there.
+fn covered(pixels: &[Pixel], [columns, rows]: [usize; 2], [column, row]: [f64; 2]) -> Option<&Pixel> {
+    let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
+    let pixel = inside.then(|| &pixels[row as usize * columns + column as usize])?;
+    (pixel.covered > 0.0).then_some(pixel)
+}
+
+/// The share of the light that reaches a place of a surface.
+fn obscurance(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2], spiral: &[[f64; 2]]) -> f64 {
+    let pixel = &pixels[at[1] * size[0] + at[0]];
+    let middle = at.map(|k| k as f64 + 0.5);
+    let place = camera.place(middle, pixel.depth);
+    let reach = REACH * camera.diagonal;
+    let on_screen = reach * camera.focal / pixel.depth;
+    let mut sum = 0.0;
+    for off in spiral {
+        let there = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
+        let Some(other) = covered(pixels, size, there) else {
+            continue;
+        };
+        let off = sub(camera.place(there.map(|x| x.floor() + 0.5), other.depth), place);
+        let square = dot(off, off);
+        // Near things count, far ones do not; a place does not stand in its own light.
+        let above = dot(off, pixel.normal) - 0.002 * camera.diagonal;
+        if above > 0.0 && square < 4.0 * reach * reach {
+            sum += above * reach / (square + 0.01 * reach * reach) * (1.0 - square / (4.0 * reach * reach));
+        }
+    }
+    (1.0 - OBSCURANCE * sum / ASKED as f64).max(0.25)
+}
+
+/// The share of the light of a dot, by how steeply others stand before it.
+fn dots_apart(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2]) -> f64 {
+    let pixel = &pixels[at[1] * size[0] + at[0]];
+    let middle = at.map(|k| k as f64 + 0.5);
+    let footprint = pixel.depth / camera.focal;
+    let mut sum = 0.0;
+    for k in 0..16 {
+        let radius = if k < 8 { 1.5 } else { 4.0 };
+        let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / 8.0).sin_cos();
+        if let Some(other) = covered(pixels, size, [middle[0] + radius * cosine, middle[1] + radius * sine]) {
+            sum += ((pixel.depth - other.depth) / (radius * footprint)).clamp(0.0, STEEPEST);
+        }
+    }
+    (-DOTS_APART * sum / 2.0).exp().max(0.12)
+}

@@ -1,0 +1,227 @@
+//! What a file shows: its surfaces or points as a scene, with all by which they can be coloured.
+
+use crate::compare::{CompareOptions, Compared, Reference, compared};
+use crate::progress::Progress;
+use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
+use planish_estimate::vector3::norm;
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{is_mesh_file, read_mesh};
+use planish_exchange::{Unit, extension, read_inputs};
+use planish_mesh::BoundingBox;
+use planish_report::numbers::{count, counted, significant};
+use planish_report::{Cloud, FieldKind, Scene};
+use planish_sense::variance_along;
+use std::path::{Path, PathBuf};
+
+/// Points that are drawn at most.
+const MOST_POINTS: usize = 3_000_000;
+
+/// What is to be shown of a file, and with what it is compared.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ViewedFile {
+    /// A saved model, a mesh, points or scans.
+    pub file: PathBuf,
+    /// A mesh or points: the model is coloured by its deviations from them.
+    pub reference: Option<PathBuf>,
+    /// How it is compared, and the unit of files that name none.
+    pub compare: CompareOptions,
+}
+
+/// A file as a scene.
+pub(super) struct Thing {
+    pub scene: Scene,
+    /// Normals of the dots of the first cloud, where all are known.
+    pub normals: Option<Vec<[f64; 3]>>,
+    /// What it is, in one sentence.
+    pub headline: String,
+    /// Every file that was read.
+    pub inputs: Vec<(PathBuf, String)>,
+    pub unit: Option<Unit>,
+    pub warnings: Vec<String>,
+}
+
+impl Thing {
+    /// Reads a file. Models become about so many triangles, and of clouds no more than so many points are kept.
+    pub(super) fn read(viewed: &ViewedFile, triangles: u64, points: usize, progress: &dyn Progress) -> Result<Self> {
+        let path = &viewed.file;
+        progress.check("reading", 0.0)?;
+        match extension(path).as_str() {
+            "step" | "stp" => {
+                return Err(Error::unsupported(format!(
+                    "{}: STEP files are written but not read: view the .planish, .ply or .glb that was written with it",
+                    path.display()
+                )));
+            }
+            "planish" => {}
+            _ if is_mesh_file(path) => {
+                if read_mesh(path)?.triangles.is_empty() {
+                    return Self::of_points(viewed, points.min(MOST_POINTS));
+                }
+            }
+            _ => return Self::of_points(viewed, points.min(MOST_POINTS)),
+        }
+        let model = Compared::read(path)?;
+        let mut made = match &viewed.reference {
+            Some(reference) => Self::compared(&model, reference, viewed, triangles, progress)?,
+            None => Self {
+                scene: model_or_mesh(&model, viewed.compare.unit, triangles)?,
+                ..Self::empty()
+            },
+        };
+        made.unit = model.unit().or(viewed.compare.unit);
+        made.headline = match &model {
+            Compared::Surface(model) => format!(
+                "A {} of {}.",
+                model.surface.space().shape().name(),
+                counted(model.surface.vertices().len(), "control vertex").replace("vertexs", "vertices")
+            ),
+            Compared::Mesh(mesh) => format!(
+                "A mesh of {} and {} vertices.",
+                counted(mesh.mesh.triangles.len(), "triangle"),
+                count(mesh.mesh.positions.len())
+            ),
+        };
+        made.inputs.insert(0, (path.clone(), "what is shown".to_owned()));
+        Ok(made)
+    }
+
+    fn empty() -> Self {
+        Self {
+            scene: Scene::default(),
+            normals: None,
+            headline: String::new(),
+            inputs: Vec::new(),
+            unit: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// A model with its deviations from a reference.
+    fn compared(
+        model: &Compared,
+        reference: &Path,
+        viewed: &ViewedFile,
+        triangles: u64,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let (report, shown) = compared(model, Reference::read(reference)?, &viewed.compare, progress)?;
+        let scene = compared_scene(model, &report, shown, &viewed.compare, triangles)?;
+        Ok(Self {
+            scene,
+            inputs: vec![(reference.to_path_buf(), "the reference".to_owned())],
+            warnings: report.warnings,
+            ..Self::empty()
+        })
+    }
+
+    fn of_points(viewed: &ViewedFile, most: usize) -> Result<Self> {
+        let path = &viewed.file;
+        if viewed.reference.is_some() {
+            return Err(Error::unsupported(format!(
+                "{}: needed a model with a surface, found points only: deviations are those of a surface from a reference",
+                path.display()
+            )));
+        }
+        let set = read_inputs(&[path], viewed.compare.unit)?;
+        let unit = set.unit.or(viewed.compare.unit);
+        let name = unit.map_or("", Unit::name);
+        let all = Reference::from_scans(&set);
+        if all.points.is_empty() {
+            return Err(Error::input(format!("{}: needed points, found none", path.display())));
+        }
+        let step = all.points.len().div_ceil(most);
+        let some = || (0..all.points.len()).step_by(step);
+        let mut fields = Vec::new();
+        if set.scans.len() > 1 {
+            let names = set.scans.iter().enumerate();
+            let of_point: Vec<u16> = (names.clone())
+                .flat_map(|(k, posed)| std::iter::repeat_n(k as u16, posed.scan.points.len()))
+                .collect();
+            fields.push(kinds(
+                "scan",
+                "scan",
+                FieldKind::Categories(names.map(|(k, posed)| (k as u16, posed.scan.name.clone())).collect()),
+                some().map(|k| of_point[k]).collect(),
+            ));
+        }
+        let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
+        if let Some(covariance) = &all.covariance {
+            let (label, sigma): (_, Vec<f64>) = match normals {
+                Some(normals) => (
+                    "σ along the normal",
+                    some()
+                        .map(|k| variance_along(&covariance[k], normals[k]).sqrt())
+                        .collect(),
+                ),
+                None => (
+                    "σ, mean over directions",
+                    some()
+                        .map(|k| ((covariance[k][0] + covariance[k][3] + covariance[k][5]) / 3.0).sqrt())
+                        .collect(),
+                ),
+            };
+            let known = sigma.iter().map(|s| if *s > 0.0 { *s } else { f64::NAN }).collect();
+            fields.push(numbers("sigma", label, name, FieldKind::Sequential, known));
+        }
+        let heights = some().map(|k| all.points[k][2]).collect();
+        fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
+        let mut warnings = Vec::new();
+        if step > 1 {
+            warnings.push(format!(
+                "of {} points {} are shown, evenly chosen",
+                count(all.points.len()),
+                count(some().count())
+            ));
+        }
+        let scene = Scene {
+            unit: name.to_owned(),
+            clouds: vec![Cloud {
+                name: "points".to_owned(),
+                positions: some().map(|k| all.points[k]).collect(),
+                fields,
+                width: 2,
+                ..Cloud::default()
+            }],
+            ..Scene::default()
+        };
+        Ok(Self {
+            normals: normals.map(|normals| some().map(|k| normals[k]).collect()),
+            scene,
+            headline: format!(
+                "{} of {}.",
+                counted(all.points.len(), "point"),
+                counted(set.scans.len(), "scan")
+            ),
+            inputs: (set.inputs.iter())
+                .map(|input| (input.path.clone(), counted(input.points, "point")))
+                .collect(),
+            unit,
+            warnings,
+        })
+    }
+
+    /// Places of all that is shown at first.
+    pub(super) fn places(&self) -> Vec<[f64; 3]> {
+        let surfaces = self.scene.surfaces.iter().filter(|s| !s.hidden);
+        let clouds = self.scene.clouds.iter().filter(|c| !c.hidden);
+        (surfaces.flat_map(|s| &s.positions))
+            .chain(clouds.flat_map(|c| &c.positions))
+            .copied()
+            .collect()
+    }
+
+    /// The size of its box, with the unit.
+    pub(super) fn size(&self) -> String {
+        BoundingBox::of(&self.places()).map_or(String::new(), |b| {
+            let size = [0, 1, 2].map(|d| significant(b.max[d] - b.min[d], 3)).join(" × ");
+            format!("{size} {}", self.scene.unit).trim_end().to_owned()
+        })
+    }
+}
+
+fn model_or_mesh(model: &Compared, unit: Option<Unit>, triangles: u64) -> Result<Scene> {
+    match model {
+        Compared::Surface(model) => Ok(model_scene_of(model, &model.posterior()?, None, None, triangles)?.0),
+        Compared::Mesh(mesh) => Ok(known_mesh_scene(mesh, mesh.unit.or(unit).map_or("", Unit::name))),
+    }
+}

@@ -1,0 +1,435 @@
+//! How values become colours, on pages and in pictures alike, and what a legend says of it.
+//!
+//! Comes in: a [`Field`]. Goes out: its [`Scale`]: a colour for each value, and ticks or kinds with their names.
+//! Maps are perceptually uniform and told apart by every kind of colour vision: viridis (Smith and van der Walt, 2015), red to blue about grey (ColorBrewer,
+//! Harrower and Brewer, 2003), and for kinds the colours of Okabe and Ito (2008).
+
+use crate::numbers::significant;
+use crate::scene::{Field, FieldKind, Values};
+
+/// Red, green and blue from 0 to 1, as screens take them (sRGB).
+pub type Colour = [f64; 3];
+
+/// What has no value.
+pub const UNKNOWN: Colour = [0.6; 3];
+/// Values at either end that may lie beyond the colours, as a share.
+const BEYOND: f64 = 0.01;
+/// The same where values have a sign.
+const BEYOND_SIGNED: f64 = 0.02;
+/// Values whose greatest is so many times the least are coloured by their logarithms.
+const LOGARITHMIC: f64 = 4.0;
+/// Ticks are at least so far apart, as a share of the legend's bar.
+const LEAST_APART: f64 = 0.14;
+
+/// Places from 0 to 1 as colours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Map {
+    /// From dark violet to yellow.
+    Viridis,
+    /// From blue over grey to red: values about zero.
+    RedBlue,
+}
+
+impl Map {
+    /// Every map.
+    pub const ALL: [Self; 2] = [Self::Viridis, Self::RedBlue];
+
+    /// Its name in the page's script.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Viridis => "viridis",
+            Self::RedBlue => "redblue",
+        }
+    }
+
+    /// Seventeen colours at equal steps.
+    #[must_use]
+    pub fn colours(self) -> [u32; 17] {
+        match self {
+            Self::Viridis => [
+                0x44_01_54, 0x48_18_6a, 0x47_2d_7b, 0x42_40_86, 0x3b_52_8b, 0x33_63_8d, 0x2c_72_8e, 0x26_82_8e,
+                0x21_91_8c, 0x1f_a0_88, 0x28_ae_80, 0x3f_bc_73, 0x5e_c9_62, 0x84_d4_4b, 0xad_dc_30, 0xd8_e2_19,
+                0xfd_e7_25,
+            ],
+            Self::RedBlue => [
+                0x05_30_61, 0x17_52_90, 0x2a_71_b2, 0x3f_8e_c0, 0x6b_ac_d1, 0x9b_c9_e0, 0xc2_dd_ec, 0xe0_ec_f3,
+                0xf7_f6_f6, 0xfb_e5_d8, 0xfb_cc_b4, 0xf5_aa_89, 0xe4_80_66, 0xd0_55_48, 0xba_28_32, 0x93_0e_26,
+                0x67_00_1f,
+            ],
+        }
+    }
+
+    /// The colour of a place; those below 0 and above 1 have the colours of the ends.
+    #[must_use]
+    pub fn at(self, place: f64) -> Colour {
+        let at = if place.is_nan() {
+            0.0
+        } else {
+            16.0 * place.clamp(0.0, 1.0)
+        };
+        let k = (at as usize).min(15);
+        let [from, to] = [k, k + 1].map(|k| of_hex(self.colours()[k]));
+        std::array::from_fn(|c| from[c] + (at - k as f64) * (to[c] - from[c]))
+    }
+}
+
+/// Colours of kinds: Okabe and Ito's.
+const KINDS: [u32; 9] = [
+    0x00_72_b2, 0xe6_9f_00, 0x00_9e_73, 0xcc_79_a7, 0x56_b4_e9, 0xd5_5e_00, 0xf0_e4_42, 0x99_99_99, 0x4d_4d_4d,
+];
+/// Colours of what is known by smoothness alone, measured, and completed: the marks 0, 1 and 2 of `observed`.
+pub const KNOWN_BY: [u32; 3] = [0x9e_9e_a3, KINDS[0], KINDS[1]];
+
+fn of_hex(hex: u32) -> Colour {
+    [16, 8, 0].map(|shift| f64::from((hex >> shift) & 0xff) / 255.0)
+}
+
+/// A colour as six digits, as in CSS without the `#`.
+#[must_use]
+pub fn hex(colour: Colour) -> String {
+    colour
+        .map(|c| format!("{:02x}", (255.0 * c).round().clamp(0.0, 255.0) as u8))
+        .concat()
+}
+
+/// A part of a screen's brightness (sRGB, IEC 61966-2-1) as linear light.
+#[must_use]
+pub fn linear_light(screen: f64) -> f64 {
+    if screen <= 0.040_45 {
+        screen / 12.92
+    } else {
+        ((screen + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// Linear light as a part of a screen's brightness: the inverse of [`linear_light`], for lights from 0 to 1.
+#[must_use]
+pub fn screen_brightness(light: f64) -> f64 {
+    let c = light.clamp(0.0, 1.0);
+    if c <= 0.003_130_8 {
+        12.92 * c
+    } else {
+        1.055 * c.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// A kind with its colour.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kind {
+    /// Its number.
+    pub value: u16,
+    /// Its name.
+    pub label: String,
+    /// Its colour.
+    pub colour: Colour,
+}
+
+/// A value on a legend's bar.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tick {
+    /// Where, from 0 to 1.
+    pub place: f64,
+    /// The value in the unit that people read.
+    pub label: String,
+}
+
+/// Quantities from low to high.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Range {
+    /// The colours.
+    pub map: Map,
+    /// The value of the first colour.
+    pub low: f64,
+    /// The value of the last.
+    pub high: f64,
+    /// Whether equal steps of colour are equal ratios.
+    pub logarithmic: bool,
+    /// What the legend says.
+    pub ticks: Vec<Tick>,
+}
+
+impl Range {
+    /// The colour of a value; [`UNKNOWN`] where it is not finite, or not positive on a logarithmic scale.
+    #[must_use]
+    pub fn colour(&self, value: f64) -> Colour {
+        let place = if self.logarithmic {
+            (value.max(0.0) / self.low).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
+        };
+        if place.is_finite() { self.map.at(place) } else { UNKNOWN }
+    }
+}
+
+/// How a field becomes colours.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Scale {
+    /// Quantities.
+    Range(Range),
+    /// Kinds.
+    Kinds(Vec<Kind>),
+}
+
+impl Scale {
+    /// The scale of a field.
+    #[must_use]
+    pub fn of(field: &Field) -> Self {
+        let factor = field.shown.as_ref().map_or(1.0, |(_, factor)| *factor);
+        match (&field.kind, &field.values) {
+            (FieldKind::Categories(kinds), _) => {
+                let colour = |value: u16| match field.key.as_str() {
+                    "observed" => KNOWN_BY.get(usize::from(value)).copied().unwrap_or(KINDS[7]),
+                    _ => KINDS[usize::from(value) % KINDS.len()],
+                };
+                Self::Kinds(kinds_of(kinds, |value| of_hex(colour(value))))
+            }
+            (FieldKind::Steps(kinds), _) => {
+                let top = kinds.iter().map(|(value, _)| *value).max().unwrap_or(0).max(1);
+                Self::Kinds(kinds_of(kinds, |value| {
+                    Map::Viridis.at(f64::from(value) / f64::from(top))
+                }))
+            }
+            (FieldKind::Signed(limit), Values::Numbers(values)) => {
+                let [low, high] = quantiles(values, [BEYOND_SIGNED, 1.0 - BEYOND_SIGNED]);
+                let reach = limit.unwrap_or(low.abs().max(high.abs()));
+                let reach = if reach > 0.0 { reach } else { 1.0 };
+                Self::Range(Range {
+                    map: Map::RedBlue,
+                    low: -reach,
+                    high: reach,
+                    logarithmic: false,
+                    ticks: even_ticks(-reach, reach, factor),
+                })
+            }
+            (FieldKind::Sequential, Values::Numbers(values)) => {
+                let [low, high] = quantiles(values, [BEYOND, 1.0 - BEYOND]);
+                let is_constant = high <= low;
+                let high = if is_constant {
+                    low + 1e-6 * if low == 0.0 { 1.0 } else { low.abs() }
+                } else {
+                    high
+                };
+                let logarithmic = low > 0.0 && high / low > LOGARITHMIC;
+                let ticks = match (is_constant, logarithmic) {
+                    (true, _) => vec![Tick {
+                        place: 0.0,
+                        label: trimmed(factor * low, 3),
+                    }],
+                    (false, true) => even_ratio_ticks(low, high, factor),
+                    (false, false) => even_ticks(low, high, factor),
+                };
+                Self::Range(Range {
+                    map: Map::Viridis,
+                    low,
+                    high,
+                    logarithmic,
+                    ticks,
+                })
+            }
+            (FieldKind::Sequential | FieldKind::Signed(_), Values::Kinds(_)) => Self::Kinds(Vec::new()),
+        }
+    }
+
+    /// The colour of a quantity or of a kind's number.
+    #[must_use]
+    pub fn colour(&self, value: f64) -> Colour {
+        match self {
+            Self::Range(range) => range.colour(value),
+            Self::Kinds(kinds) => (kinds.iter())
+                .find(|kind| f64::from(kind.value) == value)
+                .map_or(UNKNOWN, |kind| kind.colour),
+        }
+    }
+}
+
+fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<Kind> {
+    let made = kinds.iter().map(|(value, label)| Kind {
+        value: *value,
+        label: label.clone(),
+        colour: colour(*value),
+    });
+    made.collect()
+}
+
+fn quantiles(values: &[f64], shares: [f64; 2]) -> [f64; 2] {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    shares.map(|share| {
+        let at = ((share * sorted.len() as f64) as usize).min(last);
+        sorted.get(at).copied().unwrap_or(0.0)
+    })
+}
+
+/// Multiples of 1, 2 or 5 times a power of ten, about four of them, in the unit that people read.
+fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
+    let [from, to] = [low, high].map(|v| factor * v);
+    let rough = (to - from) / 4.0;
+    let power = 10_f64.powf(rough.log10().floor());
+    let step = power
+        * [1.0, 2.0, 5.0]
+            .into_iter()
+            .rfind(|m| m * power <= rough * 1.001)
+            .unwrap_or(1.0);
+    let first = (from / step - 1e-9).ceil() as i64;
+    let last = (to / step + 1e-9).floor() as i64;
+    let ticks = (first..=last.min(first + 12)).map(|k| {
+        // Digits that the step has, so that 0.30000000000000004 is 0.3.
+        let value = k as f64 * step;
+        let decimals = (-step.log10().floor()).clamp(0.0, 15.0) as usize;
+        let rounded: f64 = format!("{value:.decimals$}").parse().unwrap_or(value);
+        Tick {
+            place: (value - from) / (to - from),
+            label: trimmed(rounded, 6),
+        }
+    });
+    apart(ticks.collect())
+}
+
+/// 1, 2 and 5 times powers of ten, or fewer where they span much.
+fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
+    let [from, to] = [low, high].map(|v| factor * v);
+    let steps: &[f64] = match to / from {
+        ratio if ratio > 100.0 => &[1.0],
+        ratio if ratio > 12.0 => &[1.0, 3.0],
+        _ => &[1.0, 2.0, 5.0],
+    };
+    let decades = from.log10().floor() as i32..=to.log10().ceil() as i32;
+    let values = decades.flat_map(|e| steps.iter().map(move |m| m * 10_f64.powi(e)));
+    let ticks = (values.filter(|v| (from..=to).contains(v))).map(|value| Tick {
+        place: (value / from).ln() / (to / from).ln(),
+        label: trimmed(value, 3),
+    });
+    apart(ticks.collect())
+}
+
+/// Every so manieth tick, so that none stand on one another.
+fn apart(ticks: Vec<Tick>) -> Vec<Tick> {
+    let least = ticks
+        .windows(2)
+        .map(|pair| pair[1].place - pair[0].place)
+        .fold(f64::INFINITY, f64::min);
+    let step = if least < LEAST_APART {
+        (LEAST_APART / least).ceil() as usize
+    } else {
+        1
+    };
+    ticks.into_iter().step_by(step).collect()
+}
+
+/// A number without zeros that say nothing.
+fn trimmed(value: f64, digits: usize) -> String {
+    let text = significant(value, digits);
+    let (mantissa, exponent) = text
+        .split_once('e')
+        .map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
+    let mantissa = if mantissa.contains('.') {
+        mantissa.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        mantissa
+    };
+    let raised = |exponent: &str| -> String {
+        let digit = |c: char| match c {
+            '-' => '⁻',
+            c => c
+                .to_digit(10)
+                .and_then(|d| "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth(d as usize))
+                .unwrap_or(c),
+        };
+        exponent.chars().map(digit).collect()
+    };
+    match exponent {
+        None => mantissa.replace('-', "−"),
+        Some(exponent) => format!("{}·10{}", mantissa.replace('-', "−"), raised(exponent)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(kind: FieldKind, values: Vec<f64>, shown: Option<(String, f64)>) -> Field {
+        Field {
+            key: "sigma".to_owned(),
+            label: "σ".to_owned(),
+            unit: "m".to_owned(),
+            shown,
+            kind,
+            values: Values::Numbers(values),
+        }
+    }
+
+    fn range(field: &Field) -> Range {
+        match Scale::of(field) {
+            Scale::Range(range) => range,
+            Scale::Kinds(_) => panic!("kinds"),
+        }
+    }
+
+    fn labels(range: &Range) -> Vec<&str> {
+        range.ticks.iter().map(|tick| tick.label.as_str()).collect()
+    }
+
+    #[test]
+    fn maps_rise_in_lightness_and_fall_from_their_middle() {
+        let lightness = |map: Map, place: f64| {
+            let [r, g, b] = map.at(place).map(linear_light);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        let steps = || (0..100).map(|k| [f64::from(k) / 100.0, f64::from(k + 1) / 100.0]);
+        assert!(steps().all(|[a, b]| lightness(Map::Viridis, a) < lightness(Map::Viridis, b)));
+        assert!(steps().all(|[a, b]| (lightness(Map::RedBlue, a) < lightness(Map::RedBlue, b)) == (b <= 0.5)));
+        assert_eq!(hex(Map::Viridis.at(2.0)), "fde725");
+        assert_eq!(hex(Map::Viridis.at(f64::NAN)), "440154");
+    }
+
+    #[test]
+    fn light_and_screen_are_inverse() {
+        for k in 0..=255 {
+            let screen = f64::from(k) / 255.0;
+            assert!((screen_brightness(linear_light(screen)) - screen).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn ticks_are_round_in_the_unit_that_people_read() {
+        let values: Vec<f64> = (0..1000).map(|k| 0.001 + 0.001 * f64::from(k) / 1000.0).collect();
+        let metres = field(FieldKind::Sequential, values, Some(("mm".to_owned(), 1000.0)));
+        let found = range(&metres);
+        assert_eq!(labels(&found), ["1.2", "1.4", "1.6", "1.8"]);
+        // Beyond both ends a share of the values takes the colours of the ends.
+        assert!(found.low > 0.001 && found.high < 0.002);
+        let signed = range(&field(FieldKind::Signed(Some(4.0)), vec![0.0], None));
+        assert_eq!(labels(&signed), ["−4", "−2", "0", "2", "4"]);
+        assert_eq!(hex(signed.colour(0.0)), "f7f6f6");
+        let decades = (0..=400).map(|k| 10_f64.powf(-6.0 + f64::from(k) / 100.0)).collect();
+        let wide = range(&field(FieldKind::Sequential, decades, None));
+        assert!(wide.logarithmic);
+        assert_eq!(labels(&wide), ["1·10⁻⁵", "0.0001", "0.001"]);
+        assert!((wide.ticks[1].place - 0.5).abs() < 0.02);
+    }
+
+    #[test]
+    fn what_is_constant_or_unknown_has_a_colour() {
+        let constant = range(&field(FieldKind::Sequential, vec![0.5, 0.5], None));
+        assert_eq!(labels(&constant), ["0.5"]);
+        assert_eq!(constant.colour(f64::NAN), UNKNOWN);
+        let none = Scale::of(&field(FieldKind::Signed(None), vec![f64::NAN], None));
+        assert_eq!(none.colour(f64::NAN), UNKNOWN);
+    }
+
+    #[test]
+    fn kinds_keep_their_colours() {
+        let observed = Field {
+            key: "observed".to_owned(),
+            kind: FieldKind::Categories(vec![(1, "measured".to_owned()), (0, "no".to_owned())]),
+            values: Values::Kinds(vec![0, 1]),
+            ..field(FieldKind::Sequential, Vec::new(), None)
+        };
+        let scale = Scale::of(&observed);
+        assert_eq!(hex(scale.colour(1.0)), "0072b2");
+        assert_eq!(hex(scale.colour(0.0)), "9e9ea3");
+        assert_eq!(scale.colour(2.0), UNKNOWN);
+    }
+}
