@@ -1,0 +1,67 @@
+//! Two meshes that overlap, one of them a little off, made into one.
+//!
+//! `cargo run --release -p planish --example merge`
+
+#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+
+use planish::merge::{MergeOptions, NamedPatch, PatchSet, merge, write_merged};
+use planish::progress::Silent;
+use planish::{Result, Unit};
+use planish_mesh::{Patch, grid_sheet};
+use planish_sense::Pose;
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use std::path::Path;
+
+const SIGMA: f64 = 0.02;
+
+fn height(x: f64, y: f64) -> f64 {
+    3.0 * (x / 6.0).sin() * (y / 7.0).cos()
+}
+
+fn main() -> Result<()> {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    let error = Normal::new(0.0, SIGMA).expect("a positive σ");
+    let off = Pose::from_rotation_vector([0.004, -0.006, 0.005], [0.3, -0.2, 0.3]);
+    let mut patches = Vec::new();
+    for (name, x, stands) in [("left", 0.0, Pose::identity()), ("right", 18.0, off)] {
+        let mut mesh = grid_sheet(40.0, 40.0, 60, 60);
+        for p in &mut mesh.positions {
+            let place = [p[0] + x, p[1], height(p[0] + x, p[1]) + error.sample(&mut random)];
+            *p = stands.apply(place);
+        }
+        let sigma = vec![SIGMA; mesh.positions.len()];
+        let (patch, dropped, _) = Patch::tidy(&mesh, &sigma)?;
+        patches.push(NamedPatch {
+            name: name.to_owned(),
+            patch,
+            dropped,
+            observed: Vec::new(),
+        });
+    }
+
+    let set = PatchSet {
+        patches,
+        unit: Some(Unit::Millimetre),
+        ..PatchSet::default()
+    };
+    let options = MergeOptions {
+        align: true,
+        ..MergeOptions::default()
+    };
+    let whole = merge(set, &options, &Silent)?;
+    let report = &whole.report;
+    println!(
+        "{} triangles, {} edges of three and more, σ {:.4} mm in the median",
+        report.triangles, report.nonmanifold_edges, report.sigma.median
+    );
+    for pose in &report.poses {
+        println!(
+            "{}: moved by {:.3} mm, known to {:.3} mm",
+            pose.scan,
+            pose.moved.unwrap_or(0.0),
+            pose.sigma_translation.unwrap_or(0.0)
+        );
+    }
+    write_merged(&whole, Path::new("whole.ply"), &Silent)
+}

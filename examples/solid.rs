@@ -1,0 +1,37 @@
+//! Front, top and side view of a bracket, and every solid that they can mean.
+//!
+//! `cargo run --release -p planish --example solid`, in the root of the repository.
+
+#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+
+use planish::Result;
+use planish::progress::Silent;
+use planish::solid::{Projection, SolidJob, solid_files};
+use std::path::PathBuf;
+
+fn main() -> Result<()> {
+    let view = |name: &str| PathBuf::from(format!("examples/data/bracket/{name}.dxf"));
+    let job = SolidJob {
+        views: vec![view("front"), view("top"), view("side")],
+        projection: Projection::FirstAngle,
+        kinds: None,
+        level: 0.001,
+        graphs: Vec::new(),
+        outputs: vec![PathBuf::from("bracket.step")],
+        mesh_tolerance: None,
+        all: false,
+        unit: None,
+    };
+    let report = solid_files(&job, &Silent)?;
+    for solid in &report.solutions {
+        println!(
+            "volume {:.3}, {} planes and {} cylinders",
+            solid.volume, solid.faces.plane, solid.faces.cylinder
+        );
+    }
+    // What no solid explains is named: view, entity, and why.
+    for line in &report.unexplained {
+        println!("{}: {}", line.view, line.why);
+    }
+    Ok(())
+}
