@@ -95,46 +95,93 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
             "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: see how far it is from the mesh there"
         ));
     }
-    let measured: Vec<usize> = (0..is_of.len())
-        .filter(|&v| is_of[v] && merged.observed[v] == 1)
-        .collect();
-    let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect::<Vec<_>>();
-    let sigma: Vec<f64> = measured.iter().map(|&v| merged.sigma[v]).collect();
-    let (points, normals) = (of(&merged.mesh.positions), of(&merged.normals));
-    let set = ScanSet {
-        unit: Some(merged.report.unit),
-        sensors: vec![Sensor {
-            name: "merged patches".to_owned(),
-            kind: SensorKind::Range,
-            noise: None,
-            sigma_normal_deg: None,
-            sigma_curvature: None,
-            sigma_bias: None,
-        }],
-        scans: vec![PosedScan {
-            scan: Scan {
-                name: "merged mesh".to_owned(),
-                points: points.clone(),
-                sigma: Some(sigma.clone()),
-                normals: Some(normals.clone()),
-                ..Scan::default()
-            },
-            sensor: 0,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-        }],
-        ..ScanSet::default()
-    };
-    let options = FitOptions {
+    let vertices = Vertices::of(merged, &is_of);
+    let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;
+    let mut model = fitted.model;
+    let carried = carry_sigma(&mut model, &vertices)?;
+    warnings.extend(fitted.report.warnings);
+    Ok(MergedSpline {
+        model,
+        report: SplineReport {
+            shape: fitted.report.shape,
+            coefficients: fitted.report.coefficients,
+            levels: fitted.report.levels,
+            rms: carried.rms,
+            sigma: carried.sigma,
+            variance_factor: carried.factor,
+        },
+        warnings,
+    })
+}
+
+fn spline_options(seed: u64) -> FitOptions {
+    FitOptions {
         seed,
         held_out_share: 0.0,
         ..FitOptions::default()
-    };
-    let fitted = fit(&set, &options, progress)?;
-    let mut model = fitted.model;
+    }
+}
+
+/// The vertices of a mesh that were measured.
+struct Vertices {
+    points: Vec<[f64; 3]>,
+    normals: Vec<[f64; 3]>,
+    sigma: Vec<f64>,
+}
+
+impl Vertices {
+    fn of(merged: &Merged, is_of: &[bool]) -> Self {
+        let measured: Vec<usize> = (0..is_of.len())
+            .filter(|&v| is_of[v] && merged.observed[v] == 1)
+            .collect();
+        let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect();
+        Self {
+            points: of(&merged.mesh.positions),
+            normals: of(&merged.normals),
+            sigma: measured.iter().map(|&v| merged.sigma[v]).collect(),
+        }
+    }
+
+    fn as_scan(&self, merged: &Merged) -> ScanSet {
+        ScanSet {
+            unit: Some(merged.report.unit),
+            sensors: vec![Sensor {
+                name: "merged patches".to_owned(),
+                kind: SensorKind::Range,
+                ..Sensor::default()
+            }],
+            scans: vec![PosedScan {
+                scan: Scan {
+                    name: "merged mesh".to_owned(),
+                    points: self.points.clone(),
+                    sigma: Some(self.sigma.clone()),
+                    normals: Some(self.normals.clone()),
+                    ..Scan::default()
+                },
+                sensor: 0,
+                sigma_translation: None,
+                sigma_rotation_deg: None,
+            }],
+            ..ScanSet::default()
+        }
+    }
+}
+
+/// What [`carry_sigma`] found.
+struct Carried {
+    /// Of the vertices from the surface.
+    rms: f64,
+    /// Of the surface at the vertices, as it is then.
+    sigma: SigmaSummary,
+    /// What variances of the fit were multiplied by.
+    factor: f64,
+}
+
+/// Gives a model, fitted as if vertices were independent, the σ that the vertices have.
+fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
+    let Vertices { points, normals, sigma } = vertices;
     model.shape_left.clear();
-    // What of each vertex the surface and the mesh say.
-    let feet = feet_on(&model.surface, &points, |k| normals[k])?;
+    let feet = feet_on(&model.surface, points, |k| normals[k])?;
     let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
     let leaf: Vec<u32> = inside.iter().map(|&k| feet[k].leaf).collect();
     let local: Vec<[f64; 2]> = inside.iter().map(|&k| feet[k].local).collect();
@@ -161,8 +208,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     }
     model.smoothness_weight /= factor;
     // Distances, and what the mesh says beyond the fit, by cells.
-    let leaves = model.observed.len();
-    let mut beyond = vec![[0.0; 2]; leaves];
+    let mut beyond = vec![[0.0; 2]; model.observed.len()];
     let mut square = 0.0;
     for (j, &k) in inside.iter().enumerate() {
         let off = dot(sub(points[k], feet[k].jet.point), along[j]);
@@ -172,22 +218,13 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
         sums[1] += 1.0;
     }
     model.shape_left = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
-    let sigma = sigmas_along(&model.posterior()?, &leaf, &local, &along)?;
-    let report = SplineReport {
-        shape: fitted.report.shape,
-        coefficients: fitted.report.coefficients,
-        levels: fitted.report.levels,
+    // All variances of the coefficients are the fit's times the factor; each cell adds its own.
+    let now =
+        (of_fit.iter().zip(&leaf)).map(|(own, leaf)| (factor * own * own + model.shape_left[*leaf as usize]).sqrt());
+    Ok(Carried {
         rms: (square / inside.len() as f64).sqrt(),
-        sigma: SigmaSummary::of(sigma),
-        variance_factor: factor,
-    };
-    Ok(MergedSpline {
-        model,
-        report,
-        warnings: {
-            warnings.extend(fitted.report.warnings);
-            warnings
-        },
+        sigma: SigmaSummary::of(now.collect()),
+        factor,
     })
 }
 
