@@ -28,6 +28,7 @@ use planish_mesh::{
     MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, searches_of,
     zipped,
 };
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -430,10 +431,11 @@ fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: U
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {
     let (mut angles, mut aspects): (Vec<f64>, Vec<f64>) = (0..mesh.triangles.len())
+        .into_par_iter()
         .map(|t| planish_mesh::triangle_shape(&mesh.corners(t)))
         .unzip();
-    angles.sort_by(f64::total_cmp);
-    aspects.sort_by(f64::total_cmp);
+    angles.par_sort_unstable_by(f64::total_cmp);
+    aspects.par_sort_unstable_by(f64::total_cmp);
     (!angles.is_empty()).then(|| TriangleQuality {
         smallest_angle_median_deg: quantile_of_sorted(&angles, 0.5).to_degrees(),
         smallest_angle_p1_deg: quantile_of_sorted(&angles, 0.01).to_degrees(),
