@@ -1,7 +1,7 @@
 //! The report of solids that a drawing means.
 
-use super::fit::sentence;
 use super::title_of;
+use super::words::{head, looks};
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
@@ -133,9 +133,7 @@ fn faces(counts: &FaceCounts) -> String {
 }
 
 fn findings(report: &SolidReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = (report.warnings.iter())
-        .map(|w| Finding::new(Level::Look, sentence(w)))
-        .collect();
+    let mut found: Vec<Finding> = looks(&report.warnings);
     match report.solutions.len() {
         0 => found.push(Finding::new(
             Level::Bad,
@@ -182,8 +180,8 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
 fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
     let mut sections = Vec::new();
     if !report.solutions.is_empty() {
-        let volume = format!("volume / {unit}³");
-        let area = format!("area / {unit}²");
+        let volume = head("volume", &format!("{unit}³"));
+        let area = head("area", &format!("{unit}²"));
         let mut table = Table::new(["solution", &volume, &area, "faces", "cost"]);
         for s in &report.solutions {
             table.row(
@@ -200,8 +198,8 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
         sections.push(Section::new("Solutions", vec![Block::Table(table)]));
     }
     if let Some(geometry) = &report.geometry {
-        let sigma = format!("σ / {unit}");
-        let value = format!("value / {unit}");
+        let sigma = head("σ", unit);
+        let value = head("value", unit);
         let mut table = Table::new(["size", &value, &sigma]);
         for dimension in &geometry.dimensions {
             let name = match dimension.kind {
