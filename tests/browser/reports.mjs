@@ -23,9 +23,9 @@ run("simulate", "scene", "readings", "--shape", "rectangle", "--readings", "300"
 run("contour", at("readings/readings.csv"), "--constrain", "--report", at("contour.html"));
 run("solid", ...["front", "top", "side"].map((view) => join(data, `bracket/${view}.dxf`)), "--report", at("solid.html"));
 
-run("solid", ...["front", "side"].map((view) => join(data, `bracket/${view}.dxf`)), "--all", "--report", at("solids.html"));
+run("solid", ...["front", "top"].map((view) => join(data, `bracket/${view}.dxf`)), "--all", "--report", at("solids.html"));
 run("next", at("pebble.planish"), "--views", "3", "--sensor", join(data, "camera.toml"), "--report", at("views.html"));
-run("simulate", "sphere", "--sets", "2", "--readings", "50", "--depth", "1", "--report", at("sphere.html"));
+run("simulate", "sphere", "--sets", "2", "--readings", "50", "--depth", "1", "-o", at("sphere.svg"), "--report", at("sphere.html"));
 // Points over a ball that is longer in x, for a shape in space and for a mesh to be moved.
 const over = (radius, longer) =>
   Array.from({ length: 600 }, (_, k) => {
@@ -36,8 +36,7 @@ const over = (radius, longer) =>
 writeFileSync(at("ball.csv"), `x,y,z,sigma\n${over(20, 1).map((p) => `${p.join(",")},0.01\n`).join("")}`);
 run("contour", at("ball.csv"), "--kind", "sphere", "--report", at("shape.html"));
 writeFileSync(at("longer.xyz"), over(40, 1.15).map((p) => `${p.join(" ")}\n`).join(""));
-run("shell", "mesh", join(data, "pebble/truth.ply"), "-o", at("start.ply"));
-run("shell", "fit", at("start.ply"), "--points", at("longer.xyz"), "--controls", "30", "--report", at("shell.html"));
+run("shell", "fit", join(data, "pebble/truth.ply"), "--points", at("longer.xyz"), "--controls", "30", "--report", at("shell.html"));
 run("view", at("pebble.planish"), "-o", at("view.html"));
 run("view", join(data, "pebble/job.toml"), "-o", at("scans.html"));
 

@@ -98,7 +98,13 @@ pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
         return significant(value, 6);
     }
     let decimals = (1 - sigma.log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.decimals$} ± {sigma:.decimals$}")
+    let text = format!("{value:.decimals$}");
+    // What rounds to zero has no sign.
+    let text = match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits,
+        _ => &text,
+    };
+    format!("{text} ± {sigma:.decimals$}")
 }
 
 pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
@@ -196,4 +202,17 @@ fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
         ))],
     ));
     sections
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_sigma;
+
+    #[test]
+    fn values_have_the_digits_that_sigma_leaves() {
+        assert_eq!(with_sigma(12.3456, 0.0123), "12.346 ± 0.012");
+        assert_eq!(with_sigma(-0.000_001, 0.02), "0.000 ± 0.020");
+        assert_eq!(with_sigma(-0.5, 0.02), "-0.500 ± 0.020");
+        assert_eq!(with_sigma(2.0, 0.0), "2.00000");
+    }
 }

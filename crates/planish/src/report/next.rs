@@ -113,22 +113,15 @@ pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &View
     }
     let place = head("x, y, z", model.unit.name());
     let [worst, mean] = ["largest σ then", "mean σ then"].map(|what| unit.head(what));
-    let mut table = Table::new([
-        "view",
-        &place,
-        "x, y, z, w of its turn",
-        "readings",
-        "sees",
-        "so far",
-        &worst,
-        &mean,
-    ]);
+    let mut table = Table::new(["view", &place, "readings", "sees", "so far", &worst, &mean]);
+    let mut turns = Vec::new();
     for (k, view) in next.views.iter().enumerate() {
+        let turn = view.quaternion_xyzw.map(|c| format!("{c:9.6}")).join(" ");
+        turns.push(format!("view {}: {turn}", k + 1));
         table.row(
             [
                 (k + 1).to_string(),
                 view.translation.map(|c| significant(c, 4)).join(", "),
-                view.quaternion_xyzw.map(|c| significant(c, 3)).join(", "),
                 count(view.readings),
                 percent(view.seen),
                 percent(view.seen_so_far),
@@ -169,6 +162,8 @@ pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &View
                         .to_owned(),
                 ),
                 Block::Table(table),
+                Block::Text("How it is turned, world from sensor, as quaternions x, y, z, w:".to_owned()),
+                Block::Lines(turns.join("\n")),
             ],
         )],
     })
