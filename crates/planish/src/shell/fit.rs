@@ -367,7 +367,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             points: frame.points.iter().map(|reading| reading.at).collect(),
         };
         let files: Vec<_> = done.inputs.iter().map(|path| (path.clone(), String::new())).collect();
-        page.write(shell_page(&done, &shown, &[job.mesh.clone()]), &files)?;
+        page.write(shell_page(&done, &shown, std::slice::from_ref(&job.mesh)), &files)?;
     }
     Ok(done)
 }
