@@ -165,6 +165,8 @@ fn a_simulated_sphere_shows_its_curves() {
             "50",
             "--depth",
             "0",
+            "-o",
+            "a.csv",
             "--report",
             "a.html",
             "--json",
