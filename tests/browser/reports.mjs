@@ -1,7 +1,7 @@
-// Opens the reports of six jobs in a headless Chromium: see README.md.
+// Opens the reports of all jobs in a headless Chromium: see README.md.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { mkdirSync, readFileSync } from "node:fs";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import puppeteer from "puppeteer-core";
@@ -22,6 +22,23 @@ run("merge", join(data, "pebble/truth.ply"), at("pebble.ply"), "--report", at("m
 run("simulate", "scene", "readings", "--shape", "rectangle", "--readings", "300", "--out", at("readings"));
 run("contour", at("readings/readings.csv"), "--constrain", "--report", at("contour.html"));
 run("solid", ...["front", "top", "side"].map((view) => join(data, `bracket/${view}.dxf`)), "--report", at("solid.html"));
+
+run("solid", ...["front", "top"].map((view) => join(data, `bracket/${view}.dxf`)), "--all", "--report", at("solids.html"));
+run("next", at("pebble.planish"), "--views", "3", "--sensor", join(data, "camera.toml"), "--report", at("views.html"));
+run("simulate", "sphere", "--sets", "2", "--readings", "50", "--depth", "1", "-o", at("sphere.svg"), "--report", at("sphere.html"));
+// Points over a ball that is longer in x, for a shape in space and for a mesh to be moved.
+const over = (radius, longer) =>
+  Array.from({ length: 600 }, (_, k) => {
+    const z = 1 - (2 * (k + 0.5)) / 600;
+    const r = Math.sqrt(1 - z * z);
+    return [longer * r * Math.cos(2.399963 * k), r * Math.sin(2.399963 * k), z].map((c) => radius * c);
+  });
+writeFileSync(at("ball.csv"), `x,y,z,sigma\n${over(20, 1).map((p) => `${p.join(",")},0.01\n`).join("")}`);
+run("contour", at("ball.csv"), "--kind", "sphere", "--report", at("shape.html"));
+writeFileSync(at("longer.xyz"), over(40, 1.15).map((p) => `${p.join(" ")}\n`).join(""));
+run("shell", "fit", join(data, "pebble/truth.ply"), "--points", at("longer.xyz"), "--controls", "30", "--report", at("shell.html"));
+run("view", at("pebble.planish"), "-o", at("view.html"));
+run("view", join(data, "pebble/job.toml"), "-o", at("scans.html"));
 
 // ---- positions and σ of a binary PLY ----
 function vertices(path) {
@@ -59,7 +76,7 @@ const browser = await puppeteer.launch({
 });
 const sizes = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844, deviceScaleFactor: 2, isMobile: true, hasTouch: true } };
 const extra = process.argv.slice(2).map((path) => [path, path.split("/").pop()]);
-const pages = [...["fit", "compare", "next", "merge", "contour", "solid"].map((job) => [at(`${job}.html`), `${job}.html`]), ...extra];
+const pages = [...["fit", "compare", "next", "merge", "contour", "solid", "solids", "views", "sphere", "shape", "shell", "view", "scans"].map((job) => [at(`${job}.html`), `${job}.html`]), ...extra];
 for (const [path, name] of pages) {
   for (const [screen, viewport] of Object.entries(sizes)) {
     const page = await browser.newPage();

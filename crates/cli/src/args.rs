@@ -924,6 +924,9 @@ pub struct SphereArgs {
     #[arg(long, value_name = "OUT.glb|DIR", help_heading = "Sphere", value_hint = ValueHint::AnyPath)]
     pub animate: Option<PathBuf>,
 
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,

@@ -106,6 +106,7 @@ fn choose_views(
         options: options(args),
         goal: args.goal,
         outputs: args.output.clone(),
+        report: args.page.output(&args.common),
     };
     let report = next_view_files(&job, progress)?;
     let found = report.next.views.len();

@@ -1,6 +1,6 @@
 //! `planish shell fit`: its arguments, and what it says.
 
-use crate::args::{CommonArgs, positive};
+use crate::args::{CommonArgs, ReportArgs, positive};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use crate::shell_args::MetaballName;
@@ -73,6 +73,9 @@ pub struct ShellFitArgs {
     /// Take every stated σ for true, instead of finding one factor for points and one for outlines
     #[arg(long)]
     pub believe_sigma: bool,
+    /// The report.
+    #[command(flatten)]
+    pub page: ReportArgs,
     /// Options that every command has.
     #[command(flatten)]
     pub common: CommonArgs,
@@ -123,6 +126,7 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         outline_step_px: args.outline_step,
         believe_sigma: args.believe_sigma,
         outputs: args.output.clone(),
+        report: args.page.output(&args.common),
         unit: args.common.unit.map(Into::into),
     };
     let report = shell_fit_files(&job, progress)?;
@@ -130,7 +134,7 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         text: fit_text(&report),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
-        outputs: report.written.clone(),
+        outputs: report.written.iter().chain(&args.page.report).cloned().collect(),
         warnings: report.warnings.clone(),
         body: report,
     })

@@ -157,12 +157,22 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         noise_divides: args.noise_divides,
         ..usual
     };
-    let rows = write_sphere(&options, &args.out, args.animate.as_deref(), progress)?;
+    let rows = write_sphere(
+        &options,
+        &args.out,
+        args.animate.as_deref(),
+        args.page.output(&args.common).as_ref(),
+        progress,
+    )?;
     Ok(Summary {
         text: sphere_text(args, &options, &rows),
         unit: None,
         inputs: Vec::new(),
-        outputs: args.out.iter().chain(&args.animate).cloned().collect(),
+        outputs: (args.out.iter())
+            .chain(&args.animate)
+            .chain(&args.page.report)
+            .cloned()
+            .collect(),
         warnings: Vec::new(),
         body: SphereBody {
             rows,

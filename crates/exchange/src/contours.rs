@@ -21,7 +21,7 @@ pub use dxf::write_contours_dxf;
 pub use json::{ContourFile, read_contour_json};
 pub use rays::{RAY_COLUMNS, read_ray_readings};
 pub use readings::{COLUMNS, ContourReadings, SigmaDefaults, read_contour_readings};
-pub use svg::{contours_svg, write_contours_svg};
+pub use svg::{SizeLabel, contours_svg, write_contours_svg};
 
 use planish_solid::contour::Kind;
 

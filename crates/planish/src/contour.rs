@@ -20,7 +20,7 @@ pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
-use crate::report::{ReportOutput, contour_page};
+use crate::report::{ReportOutput, contour_page, size_labels};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
@@ -85,7 +85,7 @@ pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<Contou
 /// [`contour_files`], with a page that shows the contours; of shapes in space there is none.
 ///
 /// # Errors
-/// As [`contour_files`]; what [`ReportOutput::check`] reports, before the work; `Unsupported` for a page of shapes in space.
+/// As [`contour_files`]; what [`ReportOutput::check`] reports, before the work.
 pub fn contour_files_reported(
     job: &ContourJob,
     page: Option<&ReportOutput>,
@@ -93,11 +93,6 @@ pub fn contour_files_reported(
 ) -> Result<ContourReport> {
     if let Some(page) = page {
         page.check(std::slice::from_ref(&job.input), &job.outputs)?;
-        if !job.shapes.is_empty() {
-            return Err(Error::unsupported(
-                "--report draws contours in a plane: needed no shapes in space",
-            ));
-        }
     }
     for output in &job.outputs {
         if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
@@ -120,7 +115,7 @@ pub fn contour_files_reported(
                 "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do not go together with shapes in space",
             ));
         }
-        return space::shape_files(job, progress);
+        return space::shape_files(job, page, progress);
     }
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
@@ -157,7 +152,9 @@ pub fn contour_files_reported(
         write_graphs(path, std::slice::from_ref(graphs), None)?;
     }
     if let Some(page) = page {
-        let made = contour_page(&report, &contours_svg(&drawn, &points_of(&parts, &read)), &job.input);
+        let sizes = size_labels(&report, &drawn);
+        let svg = contours_svg(&drawn, &points_of(&parts, &read), &sizes);
+        let made = contour_page(&report, &svg, &job.input);
         page.write(
             made,
             &[(job.input.clone(), format!("{} readings", read.sightings.len()))],

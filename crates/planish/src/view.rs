@@ -35,6 +35,8 @@ const PICTURE_TRIANGLES: u64 = 600_000;
 const PAGE_TRIANGLES: u64 = 45_000;
 /// Points on a page.
 const PAGE_POINTS: usize = 400_000;
+/// Pixels of a picture.
+const MOST_PIXELS: usize = 64_000_000;
 /// What stays free at the border of a picture, as a share of its rows.
 const BORDER: f64 = 0.05;
 /// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and no wider than [`DOT_WIDTHS`].
@@ -126,7 +128,7 @@ pub fn check_picture(path: &Path, inputs: &[PathBuf]) -> Result<()> {
 
 /// Draws a file as a PNG.
 ///
-/// Cost: a second for a million pixels of a million triangles on two cores, and 600 bytes of memory a pixel.
+/// Cost: nine places a pixel and 48 neighbours of it: 1.6 s of processor time for 1280 × 960 pixels of 86 000 triangles; some 400 bytes of memory a pixel.
 ///
 /// # Errors
 /// As the readers; `Unsupported` for STEP files; `Input` where the file does not hold what it is to be coloured by; `Io` where nothing can be written.
@@ -145,6 +147,13 @@ pub fn write_picture(
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<PictureReport> {
+    let [columns, rows] = options.size;
+    if columns.saturating_mul(rows) > MOST_PIXELS || columns == 0 || rows == 0 {
+        return Err(Error::input(format!(
+            "needed a picture of 1 to {} million pixels, found {columns} × {rows}",
+            MOST_PIXELS / 1_000_000
+        )));
+    }
     let thing = Thing::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
     progress.check("drawing", 0.5)?;
     let drawn = drawn(&thing, options).map_err(|e| e.in_context(viewed.file.display()))?;

@@ -57,6 +57,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         outline_step_px: 5.0,
         believe_sigma: false,
         outputs: outputs.iter().map(|name| folder.join(name)).collect(),
+        report: None,
         unit: None,
     }
 }

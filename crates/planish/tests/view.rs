@@ -217,6 +217,25 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
 }
 
 #[test]
+fn a_picture_larger_than_memory_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 1), &[]);
+    let options = PictureOptions {
+        size: [16_384, 16_384],
+        ..PictureOptions::default()
+    };
+    let viewed = ViewedFile {
+        file: mesh,
+        ..ViewedFile::default()
+    };
+    let e = write_picture(&viewed, &options, &folder.path().join("a.png"), &Silent).unwrap_err();
+    assert!(
+        e.kind() == ErrorKind::Input && e.to_string().contains("64 million"),
+        "{e}"
+    );
+}
+
+#[test]
 fn threads_do_not_change_a_picture() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 3), &[]);

@@ -48,14 +48,12 @@ impl Map {
     pub fn colours(self) -> [u32; 17] {
         match self {
             Self::Viridis => [
-                0x44_01_54, 0x48_18_6a, 0x47_2d_7b, 0x42_40_86, 0x3b_52_8b, 0x33_63_8d, 0x2c_72_8e, 0x26_82_8e,
-                0x21_91_8c, 0x1f_a0_88, 0x28_ae_80, 0x3f_bc_73, 0x5e_c9_62, 0x84_d4_4b, 0xad_dc_30, 0xd8_e2_19,
-                0xfd_e7_25,
+                0x440154, 0x48186a, 0x472d7b, 0x424086, 0x3b528b, 0x33638d, 0x2c728e, 0x26828e, 0x21918c, 0x1fa088,
+                0x28ae80, 0x3fbc73, 0x5ec962, 0x84d44b, 0xaddc30, 0xd8e219, 0xfde725,
             ],
             Self::RedBlue => [
-                0x05_30_61, 0x17_52_90, 0x2a_71_b2, 0x3f_8e_c0, 0x6b_ac_d1, 0x9b_c9_e0, 0xc2_dd_ec, 0xe0_ec_f3,
-                0xf7_f6_f6, 0xfb_e5_d8, 0xfb_cc_b4, 0xf5_aa_89, 0xe4_80_66, 0xd0_55_48, 0xba_28_32, 0x93_0e_26,
-                0x67_00_1f,
+                0x053061, 0x175290, 0x2a71b2, 0x3f8ec0, 0x6bacd1, 0x9bc9e0, 0xc2ddec, 0xe0ecf3, 0xf7f6f6, 0xfbe5d8,
+                0xfbccb4, 0xf5aa89, 0xe48066, 0xd05548, 0xba2832, 0x930e26, 0x67001f,
             ],
         }
     }
@@ -76,10 +74,10 @@ impl Map {
 
 /// Colours of kinds: Okabe and Ito's.
 const KINDS: [u32; 9] = [
-    0x00_72_b2, 0xe6_9f_00, 0x00_9e_73, 0xcc_79_a7, 0x56_b4_e9, 0xd5_5e_00, 0xf0_e4_42, 0x99_99_99, 0x4d_4d_4d,
+    0x0072b2, 0xe69f00, 0x009e73, 0xcc79a7, 0x56b4e9, 0xd55e00, 0xf0e442, 0x999999, 0x4d4d4d,
 ];
 /// Colours of what is known by smoothness alone, measured, and completed: the marks 0, 1 and 2 of `observed`.
-pub const KNOWN_BY: [u32; 3] = [0x9e_9e_a3, KINDS[0], KINDS[1]];
+pub const KNOWN_BY: [u32; 3] = [0x9e9ea3, KINDS[0], KINDS[1]];
 
 fn of_hex(hex: u32) -> Colour {
     [16, 8, 0].map(|shift| f64::from((hex >> shift) & 0xff) / 255.0)

@@ -10,19 +10,34 @@ use std::path::Path;
 /// Width of the picture in pixels; its height follows.
 const WIDTH: f64 = 720.0;
 const MARGIN: f64 = 24.0;
+/// What labels take beside that, at the sides and above.
+const LABEL_ROOM: [f64; 2] = [96.0, 16.0];
+/// From a line to its label, in pixels.
+const LABEL_APART: f64 = 9.0;
+
+/// A size that is written beside its line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SizeLabel {
+    /// A place on the line.
+    pub at: [f64; 2],
+    /// The side of the line where there is room: a unit vector.
+    pub outwards: [f64; 2],
+    /// The size.
+    pub text: String,
+}
 
 /// Draws contours over the points of their readings, y upwards; points that did not count are hollow.
 ///
 /// # Errors
 /// `Io` when the file cannot be written.
 pub fn write_contours_svg(path: &Path, contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> Result<()> {
-    let text = contours_svg(contours, points);
+    let text = contours_svg(contours, points, &[]);
     write_atomically(path, |out| out.write_all(text.as_bytes()))
 }
 
-/// The drawing that [`write_contours_svg`] writes, as text.
+/// The drawing that [`write_contours_svg`] writes, as text, with sizes beside the lines.
 #[must_use]
-pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> String {
+pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labels: &[SizeLabel]) -> String {
     let outlines: Vec<(Vec<[f64; 2]>, Vec<f64>, bool)> = contours
         .iter()
         .filter_map(|c| match (c.kind.outline(&c.theta), c.seen) {
@@ -44,10 +59,11 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> S
     }
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
-    let place = |p: [f64; 2]| [MARGIN + scale * (p[0] - low[0]), MARGIN + scale * (high[1] - p[1])];
+    let [beside, above] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
+    let place = |p: [f64; 2]| [beside + scale * (p[0] - low[0]), above + scale * (high[1] - p[1])];
     let (width, height) = (
-        2.0 * MARGIN + scale * (high[0] - low[0]),
-        2.0 * MARGIN + scale * (high[1] - low[1]),
+        2.0 * beside + scale * (high[0] - low[0]),
+        2.0 * above + scale * (high[1] - low[1]),
     );
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.1} {height:.1}\">\n\
@@ -88,6 +104,23 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)]) -> S
             }
         }
         text.push_str("\"/>\n");
+    }
+    for label in labels {
+        let [x, y] = place(label.at);
+        let [right, up] = label.outwards;
+        let anchor = match right {
+            r if r > 0.4 => "start",
+            r if r < -0.4 => "end",
+            _ => "middle",
+        };
+        // Letters stand on their row: those above a line end there, those below begin.
+        let (x, y) = (x + LABEL_APART * right, y - LABEL_APART * up + 5.0 - 5.0 * up);
+        let words = label.text.replace('&', "&amp;").replace('<', "&lt;");
+        let _ = writeln!(
+            text,
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-family=\"sans-serif\" font-size=\"15\" fill=\"#111\" stroke=\"#fff\" stroke-width=\"4\" \
+             stroke-linejoin=\"round\" paint-order=\"stroke\">{words}</text>"
+        );
     }
     text.push_str("</svg>\n");
     text

@@ -3,6 +3,7 @@
 use super::report::part_warnings;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
 use crate::progress::{Progress, WRITING_STAGE};
+use crate::report::{ReportOutput, shape_page};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
 use planish_exchange::extension;
@@ -14,7 +15,11 @@ use planish_solid::primitive::choose;
 /// # Errors
 /// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings; `Undetermined` when no shape
 /// can be fitted.
-pub(super) fn shape_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
+pub(super) fn shape_files(
+    job: &ContourJob,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<ContourReport> {
     if let Some(output) = job.outputs.iter().find(|output| extension(output) != "json") {
         return Err(Error::unsupported(format!(
             "{}: a shape in space is written as .json",
@@ -74,6 +79,11 @@ pub(super) fn shape_files(job: &ContourJob, progress: &dyn Progress) -> Result<C
     progress.check(WRITING_STAGE, 0.95)?;
     for output in &job.outputs {
         write_json(output, &report)?;
+    }
+    if let Some(page) = page {
+        let points = rays.iter().map(|ray| ray.point()).collect();
+        let made = shape_page(&report, &fit, points, &job.input)?;
+        page.write(made, &[(job.input.clone(), format!("{} readings", rays.len()))])?;
     }
     progress.advance("done", 1.0);
     Ok(report)

@@ -3,6 +3,7 @@
 use super::{Length, NextOptions, NextView, ViewsReport, next_views};
 use crate::output::refuse_input_as_output;
 use crate::progress::Progress;
+use crate::report::{ReportOutput, views_page};
 use crate::saved::load;
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::read_view_sensor;
@@ -27,6 +28,8 @@ pub struct NextViewsJob {
     pub goal: Option<Length>,
     /// Files of the poses: `.toml`, `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
+    /// A page that shows them.
+    pub report: Option<ReportOutput>,
 }
 
 /// What [`next_view_files`] did.
@@ -56,6 +59,9 @@ pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<Ne
         refuse_input_as_output(path, &inputs)?;
         check_writable(path)?;
     }
+    if let Some(page) = &job.report {
+        page.check(&inputs, &job.outputs)?;
+    }
     progress.check("reading", 0.0)?;
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
@@ -74,6 +80,17 @@ pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<Ne
             "csv" => write_csv(path, &next.views)?,
             _ => write_ply(path, &next.views, model.unit)?,
         }
+    }
+    if let Some(page) = &job.report {
+        let [model_file, sensor_file] = inputs;
+        let made = views_page(&model, &next, &sensor, &model_file)?;
+        page.write(
+            made,
+            &[
+                (model_file, "the model".to_owned()),
+                (sensor_file, "the sensor".to_owned()),
+            ],
+        )?;
     }
     Ok(NextViewsJobReport { next, unit: model.unit })
 }

@@ -1,7 +1,7 @@
 //! The report of a comparison.
 
-use super::fit::sentence;
-use super::model::{MOST_TRIANGLES, SmallUnit, model_scene_of, numbers, observed_field};
+use super::model::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
+use super::words::{SmallUnit, looks};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
 use crate::model::Observed;
 use planish_estimate::Result;
@@ -238,12 +238,12 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
             ),
         ));
     }
-    found.extend(report.warnings.iter().map(|w| Finding::new(Level::Look, sentence(w))));
+    found.extend(looks(&report.warnings));
     found
 }
 
 fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
-    let rms = format!("rms / {}", unit.name);
+    let rms = unit.head("rms");
     let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
     for (name, found) in [
         ("model to reference", &report.forward),

@@ -1,7 +1,7 @@
 //! The report of contours.
 
-use super::fit::sentence;
 use super::title_of;
+use super::words::{head, looks};
 use crate::contour::{ConstrainedReport, ContourReport, PartReport};
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
@@ -27,20 +27,23 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
     Page {
         job: "contour".to_owned(),
         title: title_of(&[PathBuf::from(input)]),
-        headline: format!(
-            "{} in {}.",
-            kinds_of(report),
-            counted(report.contours.iter().map(|p| p.readings).sum(), "reading")
-        ),
+        headline: headline(report),
         findings: findings(report),
         figures: figures(report, unit),
         scene: None,
         drawings: vec![Block::Drawing {
             svg: svg.to_owned(),
-            caption: "The contours (lines) on the readings (dots; open red ones were rejected).".to_owned(),
+            caption: "The contours (lines) on the readings (dots; open red ones were rejected), with sizes ± σ."
+                .to_owned(),
         }],
         sections,
     }
+}
+
+/// What was found in how many readings.
+pub(super) fn headline(report: &ContourReport) -> String {
+    let readings = report.contours.iter().map(|p| p.readings).sum();
+    format!("{} in {}.", kinds_of(report), counted(readings, "reading"))
 }
 
 fn kinds_of(report: &ContourReport) -> String {
@@ -64,7 +67,7 @@ fn kinds_of(report: &ContourReport) -> String {
     names.join(", ")
 }
 
-fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
+pub(super) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
     let mut figures: Vec<Figure> = (main.parameters.iter().take(4))
         .map(|(name, value)| Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit)))
@@ -90,23 +93,25 @@ fn words(name: &str) -> String {
 }
 
 /// A value with its σ, with as many digits as σ leaves.
-fn with_sigma(value: f64, sigma: f64) -> String {
+pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return significant(value, 6);
     }
     let decimals = (1 - sigma.log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.decimals$} ± {sigma:.decimals$}")
+    let text = format!("{value:.decimals$}");
+    // What rounds to zero has no sign.
+    let text = match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits,
+        _ => &text,
+    };
+    format!("{text} ± {sigma:.decimals$}")
 }
 
-fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
+pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     let mut table = Table::new(["parameter", "value", "σ"]);
     for (name, value) in &part.parameters {
         let unit = unit_of(name, unit);
-        let name = if unit.is_empty() {
-            name.clone()
-        } else {
-            format!("{name} / {unit}")
-        };
+        let name = head(name, unit);
         let decimals = with_sigma(value.value, value.sigma);
         let (value_text, sigma_text) = decimals.split_once(" ± ").unwrap_or((&decimals, "–"));
         table.row([name, value_text.to_owned(), sigma_text.to_owned()], false);
@@ -130,10 +135,8 @@ fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     vec![Block::Table(table), Block::Text(text)]
 }
 
-fn findings(report: &ContourReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = (report.warnings.iter())
-        .map(|w| Finding::new(Level::Look, sentence(w)))
-        .collect();
+pub(super) fn findings(report: &ContourReport) -> Vec<Finding> {
+    let mut found: Vec<Finding> = looks(&report.warnings);
     for (k, part) in report.contours.iter().enumerate() {
         let name = format!("Contour {} ({})", k + 1, part.kind);
         if part.reduced_chi_square > MOST_CHI_SQUARE {
@@ -184,12 +187,7 @@ fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
         ));
     }
     if !found.dimensions.is_empty() {
-        let head = if unit.is_empty() {
-            "σ".to_owned()
-        } else {
-            format!("σ / {unit}")
-        };
-        let mut table = Table::new(["dimension", &head]);
+        let mut table = Table::new(["dimension", &head("σ", unit)]);
         for dimension in &found.dimensions {
             table.row([dimension.text.clone(), significant(dimension.sigma, 2)], false);
         }
@@ -204,4 +202,17 @@ fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
         ))],
     ));
     sections
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_sigma;
+
+    #[test]
+    fn values_have_the_digits_that_sigma_leaves() {
+        assert_eq!(with_sigma(12.3456, 0.0123), "12.346 ± 0.012");
+        assert_eq!(with_sigma(-0.000_001, 0.02), "0.000 ± 0.020");
+        assert_eq!(with_sigma(-0.5, 0.02), "-0.500 ± 0.020");
+        assert_eq!(with_sigma(2.0, 0.0), "2.00000");
+    }
 }

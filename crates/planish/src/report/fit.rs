@@ -1,7 +1,8 @@
 //! The report of a fit.
 
-use super::model::{SmallUnit, model_scene, next_marks};
+use super::model::{model_scene, next_marks};
 use super::title_of;
+use super::words::{SmallUnit, sentence};
 use crate::fit::{Fit, FitReport, FitTermination, ScanFigures};
 use crate::model::SensorReport;
 use crate::next::{NextOptions, NextReport, next_points};
@@ -218,26 +219,12 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> V
     found
 }
 
-/// A warning as a sentence.
-pub(super) fn sentence(warning: &str) -> String {
-    let mut letters = warning.chars();
-    let first = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
-    // Names of files stay as they are.
-    let first = if warning.split([':', ' ']).next().is_some_and(|word| word.contains('.')) {
-        warning.chars().take(1).collect()
-    } else {
-        first
-    };
-    let end = if warning.ends_with(['.', '!', '?']) { "" } else { "." };
-    format!("{first}{}{end}", letters.as_str())
-}
-
 fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_set_aside(scans);
     if !scans.is_empty() {
-        let off = format!("mean / {}", unit.name);
-        let rms = format!("rms / {}", unit.name);
+        let off = unit.head("mean");
+        let rms = unit.head("rms");
         let mut table = Table::new(["scan", "sensor", "used", "set aside", &rms, &off, "rms / σ"]);
         for scan in scans {
             table.row(
@@ -335,8 +322,8 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     }
     let moved: Vec<_> = report.poses.iter().filter(|p| p.moved.is_some()).collect();
     if !moved.is_empty() {
-        let by = format!("moved / {}", unit.name);
-        let sigma = format!("σ / {}", unit.name);
+        let by = unit.head("moved");
+        let sigma = unit.head("σ");
         let mut table = Table::new(["pose", &by, "turned / °", &sigma, "σ / °"]);
         for pose in moved {
             let cell = |v: Option<f64>, factor: f64| v.map_or("–".to_owned(), |v| significant(factor * v, 3));
@@ -413,7 +400,7 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
 /// A table of points to measure.
 pub(super) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_>) -> Table {
     let place = format!("x, y, z / {model_unit}");
-    let [now, then] = ["now", "then"].map(|when| format!("σ {when} / {}", unit.name));
+    let [now, then] = ["now", "then"].map(|when| unit.head(&format!("σ {when}")));
     let mut table = Table::new(["", &place, &now, &then]);
     for (k, point) in next.points.iter().enumerate() {
         table.row(

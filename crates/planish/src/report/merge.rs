@@ -1,7 +1,7 @@
 //! The report of a merge.
 
-use super::fit::sentence;
-use super::model::{SmallUnit, numbers, observed_field};
+use super::model::{numbers, observed_field};
+use super::words::{SmallUnit, looks};
 use super::{ReportOutput, file_name, title_of};
 use crate::merge::{MergeReport, Merged};
 use planish_estimate::Result;
@@ -28,7 +28,7 @@ fn short(name: &str) -> String {
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
     let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
-    let rms = format!("rms / {}", unit.name);
+    let rms = unit.head("rms");
     let mut regions = Table::new(["patches", "points", &rms]);
     for region in &report.regions {
         let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
@@ -37,7 +37,7 @@ fn merge_page(merged: &Merged) -> Page {
             false,
         );
     }
-    let sigma = format!("σ / {}", unit.name);
+    let sigma = unit.head("σ");
     let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "turned over"]);
     for patch in &report.patches {
         patches.row(
@@ -124,9 +124,7 @@ fn merge_page(merged: &Merged) -> Page {
 }
 
 fn findings(report: &MergeReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = (report.warnings.iter())
-        .map(|w| Finding::new(Level::Look, sentence(w)))
-        .collect();
+    let mut found: Vec<Finding> = looks(&report.warnings);
     if report.nonmanifold_edges > 0 {
         found.push(Finding::new(
             Level::Bad,

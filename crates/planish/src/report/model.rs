@@ -1,11 +1,11 @@
 //! A surface model as a scene: coloured by σ, by what it is known by, by level, by curvature and by how many scans saw it.
 
+use super::words::SmallUnit;
 use crate::fit::ShownReadings;
 use crate::mesh_output::{PlacedMesh, placed_mesh};
 use crate::model::{Observed, Posterior, SurfaceModel};
 use crate::next::NextPoint;
 use planish_estimate::Result;
-use planish_report::numbers::significant;
 use planish_report::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};
 use planish_spline::Surface;
 use std::collections::BTreeMap;
@@ -14,42 +14,6 @@ use std::collections::BTreeMap;
 pub(super) const MOST_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
-
-/// A unit in which small lengths read well.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct SmallUnit<'a> {
-    /// Its name.
-    pub name: &'a str,
-    /// How many of it are one of the model's.
-    pub factor: f64,
-}
-
-impl<'a> SmallUnit<'a> {
-    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is less than a centimetre, where the model is in metres.
-    pub(super) fn of(unit: &'a str, typical: f64) -> Self {
-        if unit == "m" && typical.abs() < 0.01 {
-            Self {
-                name: "mm",
-                factor: 1000.0,
-            }
-        } else {
-            Self {
-                name: unit,
-                factor: 1.0,
-            }
-        }
-    }
-
-    /// A length without its unit.
-    pub(super) fn number(self, length: f64, digits: usize) -> String {
-        significant(self.factor * length, digits)
-    }
-
-    /// A length with its unit.
-    pub(super) fn text(self, length: f64) -> String {
-        format!("{} {}", self.number(length, 3), self.name)
-    }
-}
 
 /// The unit in which most of some lengths read well, where it is not their own.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {

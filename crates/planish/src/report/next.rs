@@ -1,13 +1,20 @@
-//! The report of a plan where to measure next.
+//! Reports of plans where, and from where, to measure next.
 
 use super::fit::next_table;
-use super::model::{SmallUnit, model_scene, next_marks};
+use super::model::{model_scene, next_marks};
+use super::words::{SmallUnit, head};
 use crate::model::SurfaceModel;
-use crate::next::NextReport;
-use planish_estimate::Result;
-use planish_report::numbers::{counted, percent, significant};
-use planish_report::{Block, Figure, Finding, Level, Page, Section};
+use crate::next::{NextReport, ViewsReport};
+use planish_estimate::vector3::{add_scaled, distance, scale};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_report::numbers::{count, counted, percent, significant};
+use planish_report::{Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, Table};
+use planish_sense::{Pose, ViewSensor};
 use std::path::Path;
+
+/// Lines of sight of a view are drawn so long, over the diagonal of the model's box.
+const SIGHT: f64 = 0.3;
 
 /// The page of points to measure.
 pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) -> Result<Page> {
@@ -76,4 +83,140 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
         drawings: Vec::new(),
         sections: vec![Section::new("Points to measure, in this order", blocks)],
     })
+}
+
+/// The page of poses from which to measure.
+pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &ViewSensor, name: &Path) -> Result<Page> {
+    let unit = SmallUnit::of(model.unit.name(), next.worst_sigma.before);
+    let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
+    show_views(&mut scene, next, sensor, unit)?;
+    let mut findings = Vec::new();
+    match next.reached_goal {
+        Some(true) => findings.push(Finding::new(Level::Good, "These views reach the goal.")),
+        Some(false) => findings.push(Finding::new(
+            Level::Look,
+            "These views do not reach the goal: plan more of them, or measure with a better sensor.",
+        )),
+        None => {}
+    }
+    if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
+        findings.push(Finding::new(
+            Level::Look,
+            format!(
+                "{} of the area is seen from none of the {} poses that were compared; the least known of it lies at {} with σ {}.",
+                percent(next.unseen),
+                count(next.candidates),
+                place.position.map(|c| significant(c, 4)).join(", "),
+                unit.text(place.sigma)
+            ),
+        ));
+    }
+    let place = head("x, y, z", model.unit.name());
+    let [worst, mean] = ["largest σ then", "mean σ then"].map(|what| unit.head(what));
+    let mut table = Table::new(["view", &place, "readings", "sees", "so far", &worst, &mean]);
+    let mut turns = Vec::new();
+    for (k, view) in next.views.iter().enumerate() {
+        let turn = view.quaternion_xyzw.map(|c| format!("{c:9.6}")).join(" ");
+        turns.push(format!("view {}: {turn}", k + 1));
+        table.row(
+            [
+                (k + 1).to_string(),
+                view.translation.map(|c| significant(c, 4)).join(", "),
+                count(view.readings),
+                percent(view.seen),
+                percent(view.seen_so_far),
+                unit.number(view.worst_sigma_after, 3),
+                unit.number(view.mean_sigma_after, 3),
+            ],
+            false,
+        );
+    }
+    let change = |c: crate::next::Change| format!("from {}", unit.text(c.before));
+    Ok(Page {
+        job: "next".to_owned(),
+        title: super::file_name(name),
+        headline: format!(
+            "From where {} make the surface known better: largest σ {} to {}.",
+            counted(next.views.len(), "view"),
+            unit.text(next.worst_sigma.before),
+            unit.text(next.worst_sigma.after)
+        ),
+        findings,
+        figures: vec![
+            Figure::new("largest σ then", unit.text(next.worst_sigma.after), change(next.worst_sigma)),
+            Figure::new("mean σ then", unit.text(next.mean_sigma.after), change(next.mean_sigma)),
+            Figure::new(
+                "seen",
+                percent(next.views.last().map_or(0.0, |view| view.seen_so_far)),
+                "of the area, by all views",
+            ),
+        ],
+        scene: Some(scene),
+        drawings: Vec::new(),
+        sections: vec![Section::new(
+            "Views to take, in this order",
+            vec![
+                Block::Text(
+                    "The sensor stands at x, y, z and looks along its z, with x right and y down. In the view, numbers stand where its axis meets the surface, with a line towards it; \
+                     the box “fields of view” shows where it stands and what its picture takes in."
+                        .to_owned(),
+                ),
+                Block::Table(table),
+                Block::Text("How it is turned, world from sensor, as quaternions x, y, z, w:".to_owned()),
+                Block::Lines(turns.join("\n")),
+            ],
+        )],
+    })
+}
+
+/// Marks where the sensor's axis meets the surface, lines towards the sensor, and its fields of view.
+fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: SmallUnit<'_>) -> Result<()> {
+    let Some(surface) = scene.surfaces.first() else {
+        return Ok(());
+    };
+    let mesh = TriangleMesh::try_new(surface.positions.clone(), surface.triangles.clone())?;
+    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a model without area"))?;
+    let search = MeshSearch::try_new(&mesh)?;
+    let (mut sights, mut fields) = (Vec::new(), Vec::new());
+    for (k, view) in next.views.iter().enumerate() {
+        let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap_or_default();
+        let at = view.translation;
+        let axis = pose.rotate([0.0, 0.0, 1.0]);
+        let met = search
+            .first_hit(at, axis)
+            .map_or_else(|| bounds.center(), |hit| hit.point);
+        sights.push([met, add_scaled(met, -SIGHT * bounds.diagonal(), axis)]);
+        let far = distance(at, met);
+        let [[left, right], [top, bottom]] = sensor.borders;
+        let corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
+            .map(|[x, y]| add_scaled(at, 0.25 * far, pose.rotate([x, y, 1.0])));
+        for (c, corner) in corners.iter().enumerate() {
+            fields.push([at, *corner]);
+            fields.push([*corner, corners[(c + 1) % 4]]);
+        }
+        scene.marks.push(Mark {
+            at: met,
+            label: (k + 1).to_string(),
+            normal: scale(-1.0, axis),
+            text: format!(
+                "view {} looks here; largest σ then {}",
+                k + 1,
+                unit.text(view.worst_sigma_after)
+            ),
+        });
+    }
+    "where views look".clone_into(&mut scene.marks_name);
+    scene.lines.push(LineSet {
+        name: "towards the sensor".to_owned(),
+        segments: sights,
+        colour: "#b34700".to_owned(),
+        hidden: false,
+    });
+    scene.lines.push(LineSet {
+        name: "fields of view".to_owned(),
+        segments: fields,
+        colour: "#b34700".to_owned(),
+        hidden: true,
+    });
+    Ok(())
 }

@@ -1,12 +1,12 @@
 //! The report of solids that a drawing means.
 
-use super::fit::sentence;
 use super::title_of;
+use super::words::{head, looks};
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{counted, significant};
-use planish_report::{Block, Figure, Finding, Level, LineSet, Page, Scene, Section, SurfaceShown, Table, plot};
+use planish_report::{Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot};
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::tessellate;
 use planish_solid::views::{Drawing, LineStyle};
@@ -16,6 +16,8 @@ use std::path::PathBuf;
 const MOST_SOLIDS: usize = 6;
 /// From one solid to the next, over the width of the first.
 const APART: f64 = 1.35;
+/// Numbers of solutions stand so far above them, over the diagonal of their box.
+const ABOVE: f64 = 0.06;
 /// Lines that none explains, named one by one.
 const MOST_LINES: usize = 20;
 /// Faces that meet at less than this angle in degrees have no edge that is drawn.
@@ -48,6 +50,18 @@ pub(crate) fn solid_page(
             p[0] += across * k as f64;
         }
         let name = format!("solution {}", k + 1);
+        if let Some(bounds) = BoundingBox::of(&mesh.positions).filter(|_| solids.len() > 1) {
+            let [x, y, _] = bounds.center();
+            let text = (report.solutions.get(k)).map_or(String::new(), |s| {
+                format!("volume {} {unit}³, {}", significant(s.volume, 5), faces(&s.faces))
+            });
+            scene.marks.push(Mark {
+                at: [x, y, bounds.max[2] + ABOVE * bounds.diagonal()],
+                label: (k + 1).to_string(),
+                text,
+                normal: [0.0, 0.0, 1.0],
+            });
+        }
         scene.lines.push(LineSet {
             name: format!("edges of {name}"),
             segments: mesh_edges(&mesh.positions, &mesh.triangles),
@@ -61,6 +75,7 @@ pub(crate) fn solid_page(
             ..SurfaceShown::default()
         });
     }
+    "solution".clone_into(&mut scene.marks_name);
     let drawings = (drawing.views.iter())
         .map(|view| Block::Drawing {
             svg: plot::lines(
@@ -133,9 +148,7 @@ fn faces(counts: &FaceCounts) -> String {
 }
 
 fn findings(report: &SolidReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = (report.warnings.iter())
-        .map(|w| Finding::new(Level::Look, sentence(w)))
-        .collect();
+    let mut found: Vec<Finding> = looks(&report.warnings);
     match report.solutions.len() {
         0 => found.push(Finding::new(
             Level::Bad,
@@ -182,8 +195,8 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
 fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
     let mut sections = Vec::new();
     if !report.solutions.is_empty() {
-        let volume = format!("volume / {unit}³");
-        let area = format!("area / {unit}²");
+        let volume = head("volume", &format!("{unit}³"));
+        let area = head("area", &format!("{unit}²"));
         let mut table = Table::new(["solution", &volume, &area, "faces", "cost"]);
         for s in &report.solutions {
             table.row(
@@ -200,8 +213,8 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
         sections.push(Section::new("Solutions", vec![Block::Table(table)]));
     }
     if let Some(geometry) = &report.geometry {
-        let sigma = format!("σ / {unit}");
-        let value = format!("value / {unit}");
+        let sigma = head("σ", unit);
+        let value = head("value", unit);
         let mut table = Table::new(["size", &value, &sigma]);
         for dimension in &geometry.dimensions {
             let name = match dimension.kind {

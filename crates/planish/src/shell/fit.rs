@@ -13,6 +13,7 @@ use super::surface::check_outputs;
 use crate::mesh_output::write_known_mesh;
 use crate::model::SigmaSummary;
 use crate::progress::{Progress, WRITING_STAGE};
+use crate::report::{ReportOutput, ShownShell, shell_page};
 use input::{Frame, FrameFiles, Moved, Units};
 use planish_estimate::{Error, Result, Termination};
 use planish_exchange::Unit;
@@ -75,6 +76,8 @@ pub struct ShellFitJob {
     pub believe_sigma: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
+    /// A page that shows what was found.
+    pub report: Option<ReportOutput>,
     /// The unit where no file names it.
     pub unit: Option<Unit>,
 }
@@ -221,6 +224,9 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             .cloned(),
     );
     let outputs = outputs_of(job, &frames, &inputs)?;
+    if let Some(page) = &job.report {
+        page.check(&inputs, &outputs.concat())?;
+    }
     progress.check("reading", 0.0)?;
     let mut units = Units::of(job.unit);
     let (mut mesh, looks) = read_template(job, &mut units)?;
@@ -319,7 +325,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             ));
         }
     }
-    Ok(ShellFitReport {
+    let done = ShellFitReport {
         rms_points: points.map(|r| r.rms),
         rms_silhouettes_px: outlines.map(|r| r.rms),
         iou,
@@ -348,7 +354,22 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         inputs,
         written,
         warnings,
-    })
+    };
+    if let Some(page) = &job.report {
+        let shown = ShownShell {
+            found: &TriangleMesh {
+                positions: made.positions,
+                triangles: mesh.triangles.clone(),
+            },
+            given: &mesh,
+            sigma: &sigma,
+            observed: &observed,
+            points: frame.points.iter().map(|reading| reading.at).collect(),
+        };
+        let files: Vec<_> = done.inputs.iter().map(|path| (path.clone(), String::new())).collect();
+        page.write(shell_page(&done, &shown, std::slice::from_ref(&job.mesh)), &files)?;
+    }
+    Ok(done)
 }
 
 /// Where the meshes of each frame go.

@@ -29,6 +29,7 @@ use super::figure::{Curve, Panel, draw};
 use crate::animation::{AnimationOutput, FRAMES, write_forming};
 use crate::fit::{Forming, Snapshot};
 use crate::progress::{Part, Progress, WRITING_STAGE};
+use crate::report::{ReportOutput, sphere_page};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
 use planish_estimate::{
@@ -634,7 +635,7 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [(
     })
 }
 
-/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows the sphere forming (see [`sphere_forming`]).
+/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows the sphere forming (see [`sphere_forming`]), and `page` shows the curves with all rows.
 ///
 /// # Errors
 /// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for [`sphere`].
@@ -642,6 +643,7 @@ pub fn write_sphere(
     options: &SphereOptions,
     outputs: &[PathBuf],
     animation: Option<&Path>,
+    page: Option<&ReportOutput>,
     progress: &dyn Progress,
 ) -> Result<Vec<SphereRow>> {
     for path in outputs {
@@ -653,6 +655,9 @@ pub fn write_sphere(
         }
         check_writable(path)?;
     }
+    if let Some(page) = page {
+        page.check(&[], outputs)?;
+    }
     let animation = animation.map(|path| AnimationOutput::plan(path, &[])).transpose()?;
     let rows = sphere(options, &Part::new(progress, 0.0, 0.9))?;
     if let Some(output) = &animation {
@@ -663,17 +668,25 @@ pub fn write_sphere(
     for path in outputs {
         write_one(path, options, &rows)?;
     }
+    if let Some(page) = page {
+        page.write(sphere_page(options, &rows, figure(options, &rows)), &[])?;
+    }
     progress.advance(WRITING_STAGE, 1.0);
     Ok(rows)
+}
+
+/// The curves, as SVG.
+fn figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
+    draw(
+        "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, dotted the posterior bound",
+        &panels(options, rows),
+    )
 }
 
 fn write_one(path: &Path, options: &SphereOptions, rows: &[SphereRow]) -> Result<()> {
     let text = match extension(path).as_str() {
         "csv" => csv(rows),
-        _ => draw(
-            "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, dotted the posterior bound",
-            &panels(options, rows),
-        ),
+        _ => figure(options, rows),
     };
     write_atomically(path, |writer| writer.write_all(text.as_bytes()))
 }

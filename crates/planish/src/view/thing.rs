@@ -1,6 +1,6 @@
 //! What a file shows: its surfaces or points as a scene, with all by which they can be coloured.
 
-use crate::compare::{CompareOptions, Compared, Reference, compared};
+use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
 use crate::progress::Progress;
 use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
 use planish_estimate::vector3::norm;
@@ -45,22 +45,24 @@ impl Thing {
     pub(super) fn read(viewed: &ViewedFile, triangles: u64, points: usize, progress: &dyn Progress) -> Result<Self> {
         let path = &viewed.file;
         progress.check("reading", 0.0)?;
-        match extension(path).as_str() {
-            "step" | "stp" => {
-                return Err(Error::unsupported(format!(
-                    "{}: STEP files are written but not read: view the .planish, .ply or .glb that was written with it",
-                    path.display()
-                )));
-            }
-            "planish" => {}
-            _ if is_mesh_file(path) => {
-                if read_mesh(path)?.triangles.is_empty() {
-                    return Self::of_points(viewed, points.min(MOST_POINTS));
-                }
-            }
-            _ => return Self::of_points(viewed, points.min(MOST_POINTS)),
+        let ending = extension(path);
+        if matches!(ending.as_str(), "step" | "stp") {
+            return Err(Error::unsupported(format!(
+                "{}: STEP files are written but not read: view the .planish, .ply or .glb that was written with it",
+                path.display()
+            )));
         }
-        let model = Compared::read(path)?;
+        let model = if ending == "planish" {
+            Compared::read(path)?
+        } else if is_mesh_file(path) {
+            let file = read_mesh(path)?;
+            if file.triangles.is_empty() {
+                return Self::of_points(viewed, points.min(MOST_POINTS));
+            }
+            Compared::Mesh(ComparedMesh::of_file(file, path)?)
+        } else {
+            return Self::of_points(viewed, points.min(MOST_POINTS));
+        };
         let mut made = match &viewed.reference {
             Some(reference) => Self::compared(&model, reference, viewed, triangles, progress)?,
             None => Self {

@@ -71,7 +71,7 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
         ..options()
     };
     let paths = ["a.csv", "a.svg"].map(|name| folder.path().join(name));
-    let rows = write_sphere(&small, &paths, None, &Silent).unwrap();
+    let rows = write_sphere(&small, &paths, None, None, &Silent).unwrap();
     let [table, drawing] = paths.map(|path| std::fs::read_to_string(path).unwrap());
     assert_eq!(table.lines().count(), rows.len() + 1);
     assert!(table.starts_with("readings,noise_percent,orientation_deg,depth,leaf_patches,patch_percent"));
@@ -84,7 +84,7 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     );
 
     let wrong = folder.path().join("a.png");
-    let refused = write_sphere(&small, std::slice::from_ref(&wrong), None, &Silent).unwrap_err();
+    let refused = write_sphere(&small, std::slice::from_ref(&wrong), None, None, &Silent).unwrap_err();
     assert_eq!(refused.kind(), ErrorKind::Unsupported);
     for bad in [
         SphereOptions {

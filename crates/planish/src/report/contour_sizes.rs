@@ -1,0 +1,169 @@
+//! Sizes with σ, beside the lines of a contour's drawing.
+//!
+//! Comes in: contours as they are drawn, and the sizes that are reported of them. Goes out: a label for each reported length that a straight line has, and for each
+//! radius that an arc has.
+//!
+//! Not guaranteed: labels for sizes that no parameter states, such as the sides of a chain whose parameters are corners; that labels of close lines stand apart.
+
+use super::contour::with_sigma;
+use crate::contour::ContourReport;
+use planish_exchange::contours::{DrawnContour, SizeLabel};
+use planish_solid::contour::Kind;
+
+/// A line has a reported length where they differ by no more than this share.
+const SAME: f64 = 1e-6;
+
+/// A size that is reported.
+struct Size {
+    name: String,
+    value: f64,
+    sigma: f64,
+    is_radius: bool,
+}
+
+/// The sizes of a contour: those of its bars and circles where relations were imposed, else its parameters.
+fn sizes_of(report: &ContourReport, contour: usize) -> Vec<Size> {
+    if let Some(found) = &report.constrained {
+        let of = |sizes: &[crate::contour::ReportedSize], is_radius: bool| -> Vec<Size> {
+            let own = sizes.iter().filter(|size| size.contour == contour);
+            own.map(|size| Size {
+                name: size.name.clone(),
+                value: size.value,
+                sigma: size.sigma,
+                is_radius,
+            })
+            .collect()
+        };
+        let mut sizes = of(&found.bars, false);
+        sizes.extend(of(&found.circles, true));
+        return sizes;
+    }
+    let parameters = report.contours.get(contour).map(|part| &part.parameters);
+    (parameters.into_iter().flatten())
+        .map(|(name, value)| Size {
+            name: name.clone(),
+            value: value.value,
+            sigma: value.sigma,
+            is_radius: name.contains("radius"),
+        })
+        .collect()
+}
+
+/// Labels for the lines of all contours.
+pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec<SizeLabel> {
+    let mut labels = Vec::new();
+    for (k, contour) in drawn.iter().enumerate() {
+        let Some(outline) = contour.kind.outline(&contour.theta) else {
+            continue;
+        };
+        let mut sizes = sizes_of(report, k);
+        if matches!(contour.kind, Kind::Circle | Kind::Ellipse) {
+            labels.extend(round_labels(&contour.kind, &outline.vertices, &sizes));
+            continue;
+        }
+        let n = outline.vertices.len();
+        let middle = [0, 1].map(|d| outline.vertices.iter().map(|v| v[d]).sum::<f64>() / n.max(1) as f64);
+        for i in 0..if outline.closed { n } else { n.saturating_sub(1) } {
+            let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % n]);
+            let bulge = outline.bulges.get(i).copied().unwrap_or(0.0);
+            let chord = [b[0] - a[0], b[1] - a[1]];
+            let length = chord[0].hypot(chord[1]);
+            let is_radius = bulge != 0.0;
+            let value = if is_radius {
+                length * (1.0 + bulge * bulge) / (4.0 * bulge.abs())
+            } else {
+                length
+            };
+            let same = |size: &Size| size.is_radius == is_radius && (size.value - value).abs() <= SAME * value;
+            // Each size is written once: the corners of a rounded rectangle share one.
+            let Some(found) = sizes.iter().position(same) else {
+                continue;
+            };
+            let size = sizes.swap_remove(found);
+            // An arc lies to the right of its chord by the bulge times half of it.
+            let at = [
+                0.5 * (a[0] + b[0] + bulge * chord[1]),
+                0.5 * (a[1] + b[1] - bulge * chord[0]),
+            ];
+            labels.push(SizeLabel {
+                at,
+                outwards: outwards(at, middle, chord),
+                text: format!(
+                    "{}{}",
+                    if is_radius { "R " } else { "" },
+                    with_sigma(size.value, size.sigma)
+                ),
+            });
+        }
+    }
+    labels
+}
+
+/// Labels of a circle or an ellipse, which are drawn as many short lines that begin at the end of the first half axis.
+fn round_labels(kind: &Kind, vertices: &[[f64; 2]], sizes: &[Size]) -> Vec<SizeLabel> {
+    let n = vertices.len();
+    if n < 8 {
+        return Vec::new();
+    }
+    let middle = [0, 1].map(|d| vertices.iter().map(|v| v[d]).sum::<f64>() / n as f64);
+    let wanted: &[(&str, &str, usize)] = match kind {
+        Kind::Circle => &[("radius", "R ", n / 8)],
+        _ => &[("semi_major", "a ", 0), ("semi_minor", "b ", n / 4)],
+    };
+    let label = |&(name, sign, vertex): &(&str, &str, usize)| {
+        let size = sizes.iter().find(|size| size.name == name || sizes.len() == 1)?;
+        let at = vertices[vertex];
+        let off = [at[0] - middle[0], at[1] - middle[1]];
+        let length = off[0].hypot(off[1]).max(f64::MIN_POSITIVE);
+        Some(SizeLabel {
+            at,
+            outwards: off.map(|c| c / length),
+            text: format!("{sign}{}", with_sigma(size.value, size.sigma)),
+        })
+    };
+    wanted.iter().filter_map(label).collect()
+}
+
+/// The normal of a line that leads away from the middle.
+fn outwards(at: [f64; 2], middle: [f64; 2], along: [f64; 2]) -> [f64; 2] {
+    let length = along[0].hypot(along[1]).max(f64::MIN_POSITIVE);
+    let normal = [along[1] / length, -along[0] / length];
+    let side = normal[0] * (at[0] - middle[0]) + normal[1] * (at[1] - middle[1]);
+    if side < 0.0 { normal.map(|c| -c) } else { normal }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn size(name: &str, value: f64) -> Size {
+        Size {
+            name: name.to_owned(),
+            value,
+            sigma: 0.01,
+            is_radius: name == "radius",
+        }
+    }
+
+    #[test]
+    fn round_contours_have_their_radii_at_their_ends() {
+        let outline = Kind::Ellipse.outline(&[1.0, 2.0, 5.0, 3.0, 0.0]).unwrap();
+        let labels = round_labels(
+            &Kind::Ellipse,
+            &outline.vertices,
+            &[size("semi_major", 5.0), size("semi_minor", 3.0)],
+        );
+        assert_eq!(labels.len(), 2);
+        assert_eq!(labels[0].text, "a 5.000 ± 0.010");
+        // The labels stand where the half axes end: the larger one in x here.
+        let off = |label: &SizeLabel| (label.at[0] - 1.0).hypot(label.at[1] - 2.0);
+        assert!((off(&labels[0]) - 5.0).abs() < 1e-6 && (off(&labels[1]) - 3.0).abs() < 1e-6);
+        assert!(labels[0].outwards[0] > 0.99 && labels[1].outwards[1].abs() > 0.99);
+    }
+
+    #[test]
+    fn labels_stand_outside() {
+        assert_eq!(outwards([0.0, 1.0], [0.0; 2], [3.0, 0.0]), [0.0, 1.0]);
+        assert_eq!(outwards([0.0, -1.0], [0.0; 2], [3.0, 0.0]), [0.0, -1.0]);
+    }
+}

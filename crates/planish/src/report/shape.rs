@@ -1,0 +1,194 @@
+//! The report of a shape in space: a plane, sphere, cylinder or box on its readings.
+
+use super::contour::{figures, findings, headline, part_blocks};
+use super::model::{kinds, numbers};
+use super::title_of;
+use crate::contour::ContourReport;
+use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, TriangleMesh, icosphere};
+use planish_report::{Cloud, FieldKind, Page, Scene, Section, SurfaceShown};
+use planish_solid::primitive::{PrimitiveFit, Shape};
+use std::path::{Path, PathBuf};
+
+/// Sides of a cylinder that is drawn.
+const SIDES: u32 = 96;
+
+/// The page of a shape in space, with the points that were read.
+pub(crate) fn shape_page(
+    report: &ContourReport,
+    fit: &PrimitiveFit,
+    points: Vec<[f64; 3]>,
+    input: &Path,
+) -> Result<Page> {
+    let unit = report.unit.map_or("", |unit| unit.name());
+    let counting: Vec<[f64; 3]> = (points.iter().zip(&fit.used))
+        .filter(|(_, used)| **used)
+        .map(|(p, _)| *p)
+        .collect();
+    let mesh = mesh_of(fit.shape, &fit.parameters, &counting)?;
+    let used = fit.used.iter().map(|used| u16::from(*used)).collect();
+    Ok(Page {
+        job: "contour".to_owned(),
+        title: title_of(&[PathBuf::from(input)]),
+        headline: headline(report),
+        findings: findings(report),
+        figures: figures(report, unit),
+        scene: Some(Scene {
+            unit: unit.to_owned(),
+            surfaces: vec![SurfaceShown {
+                name: fit.shape.to_string(),
+                positions: mesh.positions,
+                triangles: mesh.triangles,
+                flat: fit.shape == Shape::Box,
+                translucent: true,
+                ..SurfaceShown::default()
+            }],
+            clouds: vec![Cloud {
+                name: "readings".to_owned(),
+                positions: points,
+                fields: vec![
+                    numbers(
+                        "distance",
+                        "distance over its σ",
+                        "",
+                        FieldKind::Signed(Some(4.0)),
+                        fit.distances.clone(),
+                    ),
+                    kinds(
+                        "used",
+                        "took part",
+                        FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: rejected".to_owned())]),
+                        used,
+                    ),
+                ],
+                width: 4,
+                ..Cloud::default()
+            }],
+            ..Scene::default()
+        }),
+        drawings: Vec::new(),
+        sections: (report.contours.iter())
+            .map(|part| Section::new(format!("A {}", part.kind), part_blocks(part, unit)))
+            .collect(),
+    })
+}
+
+/// A shape as triangles, as large as its readings where it has no end.
+fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<TriangleMesh> {
+    let bounds = BoundingBox::of(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
+    let number = |k: usize| parameters[k];
+    let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
+    let reach = |along: [f64; 3], from: [f64; 3]| {
+        let values = used.iter().map(|p| dot(sub(*p, from), along));
+        [
+            values.clone().fold(f64::INFINITY, f64::min),
+            values.fold(f64::NEG_INFINITY, f64::max),
+        ]
+    };
+    match shape {
+        Shape::Sphere => {
+            let mut ball = icosphere(number(3), 5);
+            ball.positions.iter_mut().for_each(|p| *p = add(*p, place(0)));
+            Ok(ball)
+        }
+        Shape::Plane => {
+            let normal = unit(place(0)).ok_or_else(|| Error::undetermined("a plane without a normal"))?;
+            let middle = bounds.center();
+            let foot = add_scaled(middle, number(3) - dot(normal, middle), normal);
+            let (a, b) = tangents(normal);
+            let [along, across] = [reach(a, foot), reach(b, foot)];
+            let corner = |x: f64, y: f64| add_scaled(add_scaled(foot, x, a), y, b);
+            TriangleMesh::try_new(
+                vec![
+                    corner(along[0], across[0]),
+                    corner(along[1], across[0]),
+                    corner(along[1], across[1]),
+                    corner(along[0], across[1]),
+                ],
+                vec![[0, 1, 2], [0, 2, 3]],
+            )
+        }
+        Shape::Cylinder => {
+            let axis = unit(place(3)).ok_or_else(|| Error::undetermined("a cylinder without an axis"))?;
+            let (a, _) = tangents(axis);
+            let b = cross(axis, a);
+            let ends = reach(axis, place(0));
+            let ring = |end: f64, side: u32| {
+                let (sine, cosine) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
+                let out = add(scale(number(6) * cosine, a), scale(number(6) * sine, b));
+                add(add_scaled(place(0), end, axis), out)
+            };
+            let positions = ends.iter().flat_map(|end| (0..SIDES).map(|side| ring(*end, side)));
+            let triangles = (0..SIDES).flat_map(|k| {
+                let next = (k + 1) % SIDES;
+                [[k, next, SIDES + next], [k, SIDES + next, SIDES + k]]
+            });
+            TriangleMesh::try_new(positions.collect(), triangles.collect())
+        }
+        Shape::Box => {
+            let axes = [6, 9, 12].map(place);
+            let corners = (0..8_u32).map(|corner| {
+                (0..3).fold(place(0), |p, d| {
+                    let half = if corner >> d & 1 == 1 { 0.5 } else { -0.5 };
+                    add_scaled(p, half * number(3 + d), axes[d])
+                })
+            });
+            TriangleMesh::try_new(
+                corners.collect(),
+                vec![
+                    [0, 2, 1],
+                    [1, 2, 3],
+                    [4, 5, 6],
+                    [5, 7, 6],
+                    [0, 1, 4],
+                    [1, 5, 4],
+                    [2, 6, 3],
+                    [3, 6, 7],
+                    [0, 4, 2],
+                    [2, 4, 6],
+                    [1, 3, 5],
+                    [3, 7, 5],
+                ],
+            )
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::MeshSearch;
+    use planish_solid::primitive::{Solid, SpaceSensor, rays};
+
+    /// Readings without errors lie on the triangles that are drawn of their shape.
+    #[test]
+    fn what_is_drawn_is_the_shape() {
+        let sensor = SpaceSensor {
+            standoff: 10.0,
+            sigma_position: 1e-3,
+            sigma_angle_rad: 1e-4,
+            sigma_range_share: 1e-4,
+        };
+        for shape in Shape::ALL {
+            let solid = Solid {
+                shape,
+                center: [0.4, -0.2, 0.3],
+                turn: [0.3, 0.5, -0.2],
+                size: [1.2, 0.8, 0.6],
+            };
+            let points: Vec<[f64; 3]> = rays(&solid, 300, &sensor, 1)
+                .exact
+                .iter()
+                .map(|ray| ray.point())
+                .collect();
+            let mesh = mesh_of(shape, &solid.parameters(), &points).unwrap();
+            let search = MeshSearch::try_new(&mesh).unwrap();
+            for foot in search.closest_all(&points) {
+                let off = foot.unwrap().signed_distance.abs();
+                // Facets of round shapes cut inside of them.
+                assert!(off < 2e-3, "{shape}: {off}");
+            }
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! The report of a fitted shell.
+
+use super::model::{numbers, observed_field};
+use super::words::{SmallUnit, looks};
+use crate::shell::fit::{ReadingsReport, ShellFitReport};
+use planish_estimate::vector3::distance;
+use planish_mesh::TriangleMesh;
+use planish_report::numbers::{count, counted, percent, significant};
+use planish_report::{Block, Cloud, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};
+use std::path::PathBuf;
+
+/// Readings whose σ are so many times what was stated contradict it.
+const MOST_FACTOR: f64 = 1.5;
+/// Views that held out agree with the mesh at least so far.
+const LEAST_OVERLAP: f64 = 0.9;
+/// Points that are drawn at most.
+const MOST_POINTS: usize = 20_000;
+
+/// A fitted shell as it is shown.
+pub(crate) struct ShownShell<'a> {
+    /// The mesh that was found.
+    pub found: &'a TriangleMesh,
+    /// The mesh that was given, with the same vertices.
+    pub given: &'a TriangleMesh,
+    /// σ of vertices along normals.
+    pub sigma: &'a [f64],
+    /// Whether readings say more of them than what was known before.
+    pub observed: &'a [u8],
+    /// Points that were read; of a sequence those of the last frame.
+    pub points: Vec<[f64; 3]>,
+}
+
+/// The page of a fitted shell.
+pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named: &[PathBuf]) -> Page {
+    let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
+    let mut figures = vec![Figure::new(
+        "σ, median",
+        unit.text(report.sigma.median),
+        format!("95 % below {}", unit.text(report.sigma.p95)),
+    )];
+    if let Some(rms) = report.rms_points {
+        figures.push(Figure::new("points, rms", unit.text(rms), "of their distances"));
+    }
+    if let Some(rms) = report.rms_silhouettes_px {
+        figures.push(Figure::new(
+            "outlines, rms",
+            format!("{} px", significant(rms, 3)),
+            "of their distances",
+        ));
+    }
+    if !report.iou.is_empty() {
+        figures.push(Figure::new(
+            "overlap with masks",
+            percent(mean(report.iou.values())),
+            "mean of intersection over union",
+        ));
+    }
+    figures.push(Figure::new(
+        "measured",
+        percent(report.observed_fraction),
+        "of the vertices",
+    ));
+    let mut sections = vec![went_in(report, unit)];
+    sections.extend(overlaps(report));
+    sections.extend(poses(report, unit));
+    sections.extend(frames(report, unit));
+    Page {
+        job: "shell fit".to_owned(),
+        title: super::title_of(named),
+        headline: format!(
+            "A mesh of {}, moved by {}.",
+            counted(shown.found.triangles.len(), "triangle"),
+            counted(report.controls, "control")
+        ),
+        findings: findings(report),
+        figures,
+        scene: Some(scene(report, shown)),
+        drawings: Vec::new(),
+        sections,
+    }
+}
+
+fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
+    let n = values.len().max(1) as f64;
+    values.sum::<f64>() / n
+}
+
+fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
+    [
+        ("points", &report.points),
+        ("outlines", &report.outlines),
+        ("tracks", &report.tracks),
+    ]
+}
+
+fn findings(report: &ShellFitReport) -> Vec<Finding> {
+    let mut found = looks(&report.warnings);
+    for (what, of) in kinds(report) {
+        if let Some(of) = of.filter(|of| of.sigma_factor > MOST_FACTOR) {
+            found.push(Finding::new(
+                Level::Look,
+                format!(
+                    "The σ of {what} is {} times what was stated: the stated one is false, or the controls are too few for the shape.",
+                    significant(of.sigma_factor, 3)
+                ),
+            ));
+        }
+    }
+    for view in &report.held_out {
+        if let Some(share) = report.iou.get(view) {
+            let text = format!(
+                "View {view}, which took no part, agrees with its mask by {}.",
+                percent(*share)
+            );
+            let level = if *share < LEAST_OVERLAP {
+                Level::Look
+            } else {
+                Level::Good
+            };
+            found.push(Finding::new(level, text));
+        }
+    }
+    found.push(match report.termination {
+        "limit" => Finding::new(
+            Level::Look,
+            format!(
+                "The fit had not come to rest after {}.",
+                counted(report.iterations, "iteration")
+            ),
+        ),
+        _ => Finding::new(
+            Level::Good,
+            format!(
+                "The fit came to rest after {}.",
+                counted(report.iterations, "iteration")
+            ),
+        ),
+    });
+    found
+}
+
+fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
+    let name = report.unit.name();
+    let moved = (shown.found.positions.iter().zip(&shown.given.positions))
+        .map(|(a, b)| distance(*a, *b))
+        .collect();
+    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    let clouds = if shown.points.is_empty() {
+        Vec::new()
+    } else {
+        vec![Cloud {
+            name: "points that were read".to_owned(),
+            positions: shown.points.iter().copied().step_by(step).collect(),
+            hidden: true,
+            width: 3,
+            ..Cloud::default()
+        }]
+    };
+    Scene {
+        unit: name.to_owned(),
+        surfaces: vec![
+            SurfaceShown {
+                name: "fitted mesh".to_owned(),
+                positions: shown.found.positions.clone(),
+                triangles: shown.found.triangles.clone(),
+                fields: vec![
+                    numbers(
+                        "sigma",
+                        "σ along the normal",
+                        name,
+                        FieldKind::Sequential,
+                        shown.sigma.to_vec(),
+                    ),
+                    observed_field(shown.observed),
+                    numbers("moved", "how far it was moved", name, FieldKind::Sequential, moved),
+                ],
+                ..SurfaceShown::default()
+            },
+            SurfaceShown {
+                name: "mesh that was given".to_owned(),
+                positions: shown.given.positions.clone(),
+                triangles: shown.given.triangles.clone(),
+                hidden: true,
+                translucent: true,
+                ..SurfaceShown::default()
+            },
+        ],
+        clouds,
+        ..Scene::default()
+    }
+}
+
+fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
+    let mut table = Table::new(["readings", "number", "gross errors", "rms", "σ over stated"]);
+    for (what, of) in kinds(report) {
+        let Some(of) = of else { continue };
+        table.row(
+            [
+                what.to_owned(),
+                count(of.count),
+                count(of.outliers),
+                match what {
+                    "points" => unit.text(of.rms),
+                    "outlines" => format!("{} px", significant(of.rms, 3)),
+                    _ => format!("{} σ", significant(of.rms, 3)),
+                },
+                significant(of.sigma_factor, 3),
+            ],
+            of.sigma_factor > MOST_FACTOR || 3 * of.outliers > of.count,
+        );
+    }
+    Section::new(
+        "What went in",
+        vec![
+            Block::Table(table),
+            Block::Text(format!(
+                "Smoothness weighs {}, by marginal likelihood. Vertices count as measured where more than half of what is known of them comes from the readings.",
+                significant(report.smoothness_weight, 3)
+            )),
+        ],
+    )
+}
+
+/// How far views agree with their masks.
+fn overlaps(report: &ShellFitReport) -> Option<Section> {
+    if report.iou.is_empty() {
+        return None;
+    }
+    let mut table = Table::new(["view", "overlap", "before", "took part"]);
+    for (view, share) in &report.iou {
+        let held_out = report.held_out.contains(view);
+        table.row(
+            [
+                view.clone(),
+                percent(*share),
+                report.iou_before.get(view).map_or("–".to_owned(), |b| percent(*b)),
+                if held_out { "no: it judges" } else { "yes" }.to_owned(),
+            ],
+            *share < LEAST_OVERLAP,
+        );
+    }
+    Some(Section::new(
+        "How views agree with their masks",
+        vec![Block::Table(table)],
+    ))
+}
+
+/// Poses that were uncertain.
+fn poses(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
+    if report.poses.is_empty() {
+        return None;
+    }
+    let [moved, sigma] = ["moved", "largest σ"].map(|what| unit.head(what));
+    let mut table = Table::new(["view", "turned / °", &moved, "largest σ / °", &sigma]);
+    let largest = |values: &[f64; 3]| values.iter().copied().fold(0.0, f64::max);
+    for pose in &report.poses {
+        table.row(
+            [
+                pose.view.clone(),
+                significant(pose.turned_deg, 3),
+                unit.number(pose.moved, 3),
+                significant(largest(&pose.sigma_rotation_deg), 3),
+                unit.number(largest(&pose.sigma_translation), 3),
+            ],
+            false,
+        );
+    }
+    Some(Section::new("Where the cameras stood", vec![Block::Table(table)]))
+}
+
+/// Frames of a sequence.
+fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
+    if report.frames.is_empty() {
+        return None;
+    }
+    let [points, sigma] = ["points, rms", "median σ"].map(|what| unit.head(what));
+    let mut table = Table::new(["frame", &points, "outlines, rms / px", "overlap", "surprise", &sigma]);
+    let cell = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or("–".to_owned(), text);
+    for frame in &report.frames {
+        table.row(
+            [
+                frame.frame.clone(),
+                cell(frame.rms_points, &|v| unit.number(v, 3)),
+                cell(frame.rms_silhouettes_px, &|v| significant(v, 3)),
+                cell(frame.iou, &percent),
+                cell(frame.surprise, &|v| significant(v, 3)),
+                unit.number(frame.sigma, 3),
+            ],
+            frame.surprise.is_some_and(|surprise| surprise > 3.0),
+        );
+    }
+    Some(Section::new(
+        "Frame by frame",
+        vec![
+            Block::Text("All above is of the last frame. Surprise: by how many σ the parameters differ from what was predicted (rms).".to_owned()),
+            Block::Table(table),
+        ],
+    ))
+}

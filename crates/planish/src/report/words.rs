@@ -1,0 +1,95 @@
+//! Words that all reports share: lengths in a unit that reads well, heads of tables, warnings as sentences.
+
+use planish_report::numbers::significant;
+use planish_report::{Finding, Level};
+
+/// A unit in which small lengths read well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SmallUnit<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// How many of it are one of the model's.
+    pub factor: f64,
+}
+
+impl<'a> SmallUnit<'a> {
+    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is less than a centimetre, where the model is in metres.
+    pub(super) fn of(unit: &'a str, typical: f64) -> Self {
+        if unit == "m" && typical.abs() < 0.01 {
+            Self {
+                name: "mm",
+                factor: 1000.0,
+            }
+        } else {
+            Self {
+                name: unit,
+                factor: 1.0,
+            }
+        }
+    }
+
+    /// A length without its unit.
+    pub(super) fn number(self, length: f64, digits: usize) -> String {
+        significant(self.factor * length, digits)
+    }
+
+    /// A table's head: `rms / mm`.
+    pub(super) fn head(self, what: &str) -> String {
+        head(what, self.name)
+    }
+
+    /// A length with its unit.
+    pub(super) fn text(self, length: f64) -> String {
+        format!("{} {}", self.number(length, 3), self.name)
+    }
+}
+
+/// A table's head with its unit, where there is one: `length / mm`.
+pub(super) fn head(what: &str, unit: &str) -> String {
+    if unit.is_empty() {
+        what.to_owned()
+    } else {
+        format!("{what} / {unit}")
+    }
+}
+
+/// Warnings as findings that are worth a look.
+pub(super) fn looks(warnings: &[String]) -> Vec<Finding> {
+    warnings
+        .iter()
+        .map(|w| Finding::new(Level::Look, sentence(w)))
+        .collect()
+}
+
+/// A warning as a sentence.
+pub(super) fn sentence(warning: &str) -> String {
+    let mut letters = warning.chars();
+    let first = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
+    // Names of files stay as they are.
+    let first = if warning.split([':', ' ']).next().is_some_and(|word| word.contains('.')) {
+        warning.chars().take(1).collect()
+    } else {
+        first
+    };
+    let end = if warning.ends_with(['.', '!', '?']) { "" } else { "." };
+    format!("{first}{}{end}", letters.as_str())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_and_warnings_read_well() {
+        let small = SmallUnit::of("m", 0.0012);
+        assert_eq!(
+            (small.text(0.0012), small.head("rms")),
+            ("1.20 mm".to_owned(), "rms / mm".to_owned())
+        );
+        assert_eq!(SmallUnit::of("m", 2.0).text(2.0), "2.00 m");
+        assert_eq!(head("radius", ""), "radius");
+        let found = looks(&["the mesh is open".to_owned(), "a.ply: no unit.".to_owned()]);
+        assert_eq!(found[0].text, "The mesh is open.");
+        assert_eq!(found[1].text, "a.ply: no unit.");
+    }
+}
