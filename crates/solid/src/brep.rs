@@ -46,6 +46,16 @@ pub struct Face {
     pub loops: Vec<Vec<Coedge>>,
 }
 
+impl Face {
+    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself uses twice.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
+        let is_closed = matches!(self.surface, Surface::Sphere { .. } | Surface::Torus { .. });
+        is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
+    }
+}
+
 /// A solid by its boundary.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solid {
@@ -117,6 +127,55 @@ impl Solid {
             shells.push(shell);
         }
         shells
+    }
+
+    /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere, both circles of a torus.
+    pub(crate) fn add_whole(&mut self, surface: Surface, outward: bool) {
+        use std::f64::consts::{FRAC_PI_2, TAU};
+        let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
+            let [a, b] = [p, q].map(|p| planish_estimate::vector3::sub(p, center));
+            Curve::Ellipse { center, a, b }
+        };
+        let mut add = |curve: Curve, range: [f64; 2], ends: [usize; 2]| {
+            self.edges.push(Edge {
+                curve,
+                range,
+                start: ends[0],
+                end: ends[1],
+            });
+            self.edges.len() - 1
+        };
+        let first = self.vertices.len();
+        let at = |u: f64, v: f64| surface.point([u, v]);
+        let edges = match surface {
+            Surface::Sphere { center, .. } => {
+                self.vertices.extend([at(0.0, -FRAC_PI_2), at(0.0, FRAC_PI_2)]);
+                let meridian = arc(center, at(0.0, 0.0), at(0.0, FRAC_PI_2));
+                let edge = add(meridian, [-FRAC_PI_2, FRAC_PI_2], [first, first + 1]);
+                vec![(edge, true), (edge, false)]
+            }
+            Surface::Torus {
+                center, x, major, ..
+            } => {
+                self.vertices.push(at(0.0, 0.0));
+                let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
+                let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));
+                let ends = [first, first];
+                let (u, v) = (add(around, [0.0, TAU], ends), add(tube, [0.0, TAU], ends));
+                // Left of it as the surface's normal has it; the other way round where that points inwards.
+                match outward {
+                    true => vec![(u, true), (v, true), (u, false), (v, false)],
+                    false => vec![(v, true), (u, true), (v, false), (u, false)],
+                }
+            }
+            _ => return,
+        };
+        let ring = edges.into_iter().map(|(edge, forward)| Coedge { edge, forward });
+        self.faces.push(Face {
+            surface,
+            outward,
+            loops: vec![ring.collect()],
+        });
     }
 
     /// Takes out edges that no loop uses.

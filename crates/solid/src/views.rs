@@ -55,9 +55,11 @@ mod wall_sight;
 mod wireframe;
 
 use crate::brep::{Measures, Solid};
+use crate::reprojection::{CompareOptions, disagreements};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
 use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
+use std::cmp::Ordering;
 
 /// Surfaces of revolution are tried where there are so many candidates at most.
 const MOST_WALLS: usize = 24;
@@ -72,11 +74,18 @@ pub struct Solution {
     pub solid: Solid,
     /// What it measures.
     pub measures: Measures,
-    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
+    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other. Of equally cheap ones those with fewer edges
+    /// come first.
     pub cost: f64,
 }
 
 impl Solution {
+    /// The better first: the cheaper one, of equally cheap ones that with fewer edges.
+    fn compared(&self, other: &Self) -> Ordering {
+        let edges = |s: &Self| s.solid.edges.len();
+        self.cost.total_cmp(&other.cost).then(edges(self).cmp(&edges(other)))
+    }
+
     /// Whether two solids are one: slivers without a volume may be empty or solid.
     fn is_same(&self, other: &Self) -> bool {
         let (a, b) = (&self.measures, &other.measures);
@@ -140,11 +149,12 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         }
     }
     let mut best = solve_plan(&tidy, &plan);
+    let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
         // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        if is_too_large || !strict && best_cost(&best).is_some() {
+        if is_too_large || !strict && cheapest.is_some() {
             break;
         }
         let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
@@ -156,13 +166,15 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         }
         let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));
         tried = walls;
-        let is_better = match (best_cost(&found), best_cost(&best)) {
-            (Some(found), Some(best)) => found < best,
+        let found_cheapest = best_agreeing(&found, drawing);
+        let is_better = match (&found_cheapest, &cheapest) {
+            (Some(found), Some(best)) => found.compared(best).is_lt(),
             (None, Some(_)) => false,
-            _ => true,
+            (Some(_), None) => true,
+            (None, None) => best_cost(&found).is_some() || best_cost(&best).is_none(),
         };
         if is_better {
-            best = found;
+            (best, cheapest) = (found, found_cheapest);
         }
     }
     best
@@ -173,31 +185,37 @@ fn best_cost(found: &Result<Solutions>) -> Option<f64> {
     found.as_ref().ok()?.solutions.first().map(|s| s.cost)
 }
 
+/// The best solid that was found and that shows the lines of the drawing.
+fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solution> {
+    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &CompareOptions::default()).is_empty();
+    found.as_ref().ok()?.solutions.iter().find(agrees).cloned()
+}
+
 /// Finds the solids whose faces are candidates of a plan.
 fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
     let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
-    let found = search::search(&cells, &looks, MOST_SOLUTIONS);
-    let mut solutions = Solutions {
-        complete: found.complete,
-        ..Solutions::default()
-    };
-    solutions.unexplained = unexplained(drawing, &found.unexplained);
-    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
-    if !solutions.unexplained.is_empty() {
-        return Ok(solutions);
-    }
-    for assignment in &found.assignments {
+    let mut solutions = Solutions::default();
+    let found = search::search(&cells, &looks, MOST_SOLUTIONS, |assignment| {
         match solution(&cells, assignment) {
             Ok(solution) => {
                 if !solutions.solutions.iter().any(|known| known.is_same(&solution)) {
                     solutions.solutions.push(solution);
                 }
+                true
             }
-            Err(e) => solutions.rejected.push(e.to_string()),
+            Err(e) => {
+                solutions.rejected.push(e.to_string());
+                false
+            }
         }
+    });
+    solutions.complete = found.complete;
+    solutions.unexplained = unexplained(drawing, &found.unexplained);
+    if !solutions.unexplained.is_empty() {
+        return Ok(solutions);
     }
-    solutions.solutions.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    solutions.solutions.sort_by(Solution::compared);
     if solutions.solutions.is_empty() {
         let why = solutions.rejected.first().cloned().unwrap_or_default();
         return Err(Error::undetermined(format!("no solid has these views: {why}")));

@@ -20,6 +20,8 @@ pub(crate) struct Cells<'a> {
     parent: Vec<u32>,
     /// Cells thicker somewhere than rounding, where there are walls.
     thick: HashSet<u32>,
+    /// Cells that are slivers or nothing wherever walls pass, and are nowhere else.
+    slivers: HashSet<u32>,
 }
 
 /// Whether a plan's grid has more boxes than are looked at.
@@ -62,6 +64,7 @@ impl<'a> Cells<'a> {
             first,
             parent: (0..total as u32).collect(),
             thick: HashSet::new(),
+            slivers: HashSet::new(),
         };
         for axis in 0..3 {
             cells.join_across(axis);
@@ -79,11 +82,16 @@ impl<'a> Cells<'a> {
         let plan = self.plan;
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         let mut thick = HashSet::new();
+        let (mut walled, mut plain) = (HashSet::new(), HashSet::new());
         for place in 0..n[0] * n[1] * n[2] {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
+            let last = self.first.get(place + 1).map_or(self.parent.len(), |next| *next as usize);
+            let roots = self.parent[self.first[place] as usize..last].iter().copied();
             if plan.walls_in(cell).is_empty() {
+                plain.extend(roots);
                 continue;
             }
+            walled.extend(roots);
             let (lo, hi) = plan.bounds(cell);
             for along in 0..3 {
                 let [a, b] = [(along + 1) % 3, (along + 2) % 3];
@@ -103,7 +111,13 @@ impl<'a> Cells<'a> {
                 }
             }
         }
+        self.slivers = walled.difference(&plain).filter(|c| !thick.contains(c)).copied().collect();
         self.thick = thick;
+    }
+
+    /// Whether a cell holds nothing but slivers, where walls and surfaces drawn out mean one curve: solids that differ in such cells only are one.
+    pub(crate) fn is_nothing(&self, of: u32) -> bool {
+        self.slivers.contains(&of)
     }
 
     /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out mean one curve, rounding leaves such between them.

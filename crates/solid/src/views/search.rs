@@ -14,8 +14,6 @@ pub(crate) type Assignment = BTreeMap<u32, bool>;
 
 /// What the search found.
 pub(crate) struct Found {
-    /// Different assignments.
-    pub(crate) assignments: Vec<Assignment>,
     /// Whether there are no others.
     pub(crate) complete: bool,
     /// Places that no solid explains.
@@ -204,8 +202,9 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
-/// Searches for assignments, at most so many.
-pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
+/// Searches for assignments, at most so many, and hands each to `accept`, which says whether it is a solid. One that differs from a solid in slivers only
+/// is not handed out again.
+pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize, mut accept: impl FnMut(&Assignment) -> bool) -> Found {
     let outside = cells.at_in(
         [0, 0, 0],
         [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
@@ -230,7 +229,6 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
             .min_by_key(|&s| places(switches[s].1))
         else {
             return Found {
-                assignments: Vec::new(),
                 complete: true,
                 unexplained,
             };
@@ -240,25 +238,34 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
         unexplained.push((look.style, places[0].clone()));
     }
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
-    let mut assignments = Vec::new();
-    loop {
+    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
+    if !unexplained.is_empty() {
+        return Found {
+            complete: true,
+            unexplained,
+        };
+    }
+    for count in 1.. {
         let assignment = encoder.assignment();
+        let is_solid = accept(&assignment);
         let block: Vec<Lit> = assignment
             .iter()
+            .filter(|(cell, _)| !(is_solid && cells.is_nothing(**cell)))
             .map(|(cell, solid)| {
                 let literal = Lit::new(encoder.cells[cell], true);
                 if *solid { !literal } else { literal }
             })
             .collect();
-        assignments.push(assignment);
-        encoder.clause(block);
-        let goes_on = assignments.len() < most;
+        let goes_on = count < most && !block.is_empty();
+        if !block.is_empty() {
+            encoder.clause(block);
+        }
         if !goes_on || encoder.solver.solve_limited(&on) != lbool::TRUE {
             return Found {
-                assignments,
-                complete: goes_on,
+                complete: count < most,
                 unexplained,
             };
         }
     }
+    unreachable!("the search ends by itself")
 }
