@@ -78,6 +78,45 @@ impl Solid {
         }
     }
 
+    /// The solid with all lengths times a factor > 0.
+    #[must_use]
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let mut solid = self.clone();
+        let at = |p: &mut [f64; 3]| *p = p.map(|c| factor * c);
+        solid.vertices.iter_mut().for_each(at);
+        for edge in &mut solid.edges {
+            match &mut edge.curve {
+                Curve::Line { origin, .. } => {
+                    at(origin);
+                    edge.range = edge.range.map(|t| factor * t);
+                }
+                Curve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
+                Curve::Spline { points, derivatives } => points.iter_mut().chain(derivatives).for_each(at),
+            }
+        }
+        for face in &mut solid.faces {
+            match &mut face.surface {
+                Surface::Plane { origin, .. } => at(origin),
+                Surface::Cylinder { origin, radius, .. } | Surface::Cone { origin, radius, .. } => {
+                    at(origin);
+                    *radius *= factor;
+                }
+                Surface::Sphere { center, radius, .. } => {
+                    at(center);
+                    *radius *= factor;
+                }
+                Surface::Torus {
+                    center, major, minor, ..
+                } => {
+                    at(center);
+                    *major *= factor;
+                    *minor *= factor;
+                }
+            }
+        }
+        solid
+    }
+
     /// Faces by the kind of their surface: planes, cylinders, cones, spheres, tori.
     #[must_use]
     pub fn faces_by_kind(&self) -> [usize; 5] {
@@ -154,9 +193,7 @@ impl Solid {
                 let edge = add(meridian, [-FRAC_PI_2, FRAC_PI_2], [first, first + 1]);
                 vec![(edge, true), (edge, false)]
             }
-            Surface::Torus {
-                center, x, major, ..
-            } => {
+            Surface::Torus { center, x, major, .. } => {
                 self.vertices.push(at(0.0, 0.0));
                 let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
                 let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));

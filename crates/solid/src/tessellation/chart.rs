@@ -168,10 +168,12 @@ mod tests {
                 let p = chart.point(at);
                 assert!(surface.distance(p).abs() < 1e-12);
                 let back = chart.at(p);
-                assert!((0..2).all(|k| (back[k] - at[k]).abs() < 1e-12), "{back:?} is not {at:?}");
+                assert!(
+                    (0..2).all(|k| (back[k] - at[k]).abs() < 1e-12),
+                    "{back:?} is not {at:?}"
+                );
                 let h = 1e-5;
-                let [right, up] =
-                    [[h, 0.0], [0.0, h]].map(|d| sub(chart.point([at[0] + d[0], at[1] + d[1]]), p));
+                let [right, up] = [[h, 0.0], [0.0, h]].map(|d| sub(chart.point([at[0] + d[0], at[1] + d[1]]), p));
                 assert!(dot(cross(right, up), surface.normal(p)) > 0.0);
             }
         }

@@ -133,7 +133,11 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: [f64; 3],
 fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Domain> {
     let chart = Chart::cone(&face.surface)?;
     let polygons = flat(&chart, points, rings);
-    let reach = polygons.iter().flatten().map(|c| c.at[0].hypot(c.at[1])).fold(0.0, f64::max);
+    let reach = polygons
+        .iter()
+        .flatten()
+        .map(|c| c.at[0].hypot(c.at[1]))
+        .fold(0.0, f64::max);
     let at_tip = |c: &Corner| c.at[0].hypot(c.at[1]) < 1e-9 * reach;
     if polygons.iter().flatten().any(at_tip) {
         let inner = Vec::new();

@@ -148,3 +148,71 @@ fn a_tolerance_of_nothing_is_refused() {
         assert!(tessellate(&box_with_hole(), tolerance).is_err());
     }
 }
+
+/// The front and side view, and the top view, of a turned part.
+fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Solid {
+    solved([across.clone(), top, across])
+}
+
+fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> DrawnCurve {
+    let curve = Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    };
+    drawn(curve, LineStyle::Visible)
+}
+
+fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+    drawn(Curve2::Segment(a, b), LineStyle::Visible)
+}
+
+/// Poles of a sphere and tips of cones within a face, on its border, and faces without a border: all close, and hold what the solid holds.
+#[test]
+fn faces_over_poles_and_tips_close() {
+    use std::f64::consts::{FRAC_PI_2, PI};
+    let disc = || vec![circle([0.0, 0.0], 10.0)];
+    let dome = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
+    let tip = |up: f64| vec![line([-10.0, 0.0], [0.0, up]), line([0.0, up], [10.0, 0.0])];
+    let mut cone = tip(30.0);
+    cone.push(line([-10.0, 0.0], [10.0, 0.0]));
+    let mut bicone = tip(30.0);
+    bicone.extend(tip(-5.0));
+    // A quarter of a ball and half a cone: their edges end at the pole and the tip.
+    let half_disc = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
+    let quarter_side = vec![
+        arc([0.0, 0.0], 10.0, 0.0, FRAC_PI_2),
+        line([0.0, 0.0], [10.0, 0.0]),
+        line([0.0, 0.0], [0.0, 10.0]),
+    ];
+    let half_side = vec![
+        line([0.0, 0.0], [0.0, 30.0]),
+        line([0.0, 0.0], [10.0, 0.0]),
+        line([0.0, 30.0], [10.0, 0.0]),
+    ];
+    let solids = [
+        ("dome", turned(dome(), disc()), 2000.0 / 3.0 * PI),
+        ("ball", turned(disc(), disc()), 4000.0 / 3.0 * PI),
+        ("cone", turned(cone.clone(), disc()), 1000.0 * PI),
+        ("double cone", turned(bicone, disc()), 3500.0 / 3.0 * PI),
+        (
+            "quarter of a ball",
+            solved([dome(), half_disc(), quarter_side]),
+            1000.0 / 3.0 * PI,
+        ),
+        ("half a cone", solved([cone, half_disc(), half_side]), 500.0 * PI),
+    ];
+    for (name, solid, volume) in solids {
+        let mut last = f64::MAX;
+        for tolerance in [0.1, 0.01] {
+            let mesh = tessellate(&solid, tolerance).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let found = mesh.check();
+            assert!(found.watertight && found.oriented && found.manifold, "{name}");
+            assert_eq!(found.euler_characteristic, 2, "{name}");
+            let off = (mesh.signed_volume().unwrap() - volume).abs();
+            assert!(off < tolerance * solid.measures().area && off < last, "{name}: {off}");
+            last = off;
+        }
+    }
+}

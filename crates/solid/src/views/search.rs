@@ -7,7 +7,7 @@ use super::cells::Cells;
 use super::drawing::LineStyle;
 use super::sight::{Group, Look, LookPlace, Looks};
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Which cells are solid.
 pub(crate) type Assignment = BTreeMap<u32, bool>;
@@ -202,9 +202,14 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
-/// Searches for assignments, at most so many, and hands each to `accept`, which says whether it is a solid. One that differs from a solid in slivers only
-/// is not handed out again.
-pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize, mut accept: impl FnMut(&Assignment) -> bool) -> Found {
+/// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states make no difference: assignments that differ
+/// from a later one in these only are not searched for.
+pub(crate) fn search(
+    cells: &Cells,
+    looks: &Looks,
+    most: usize,
+    mut accept: impl FnMut(&Assignment) -> Vec<u32>,
+) -> Found {
     let outside = cells.at_in(
         [0, 0, 0],
         [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
@@ -245,12 +250,15 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize, mut accept: impl
             unexplained,
         };
     }
-    for count in 1.. {
+    let mut indifferent: HashSet<u32> = HashSet::new();
+    let mut count = 0;
+    loop {
+        count += 1;
         let assignment = encoder.assignment();
-        let is_solid = accept(&assignment);
+        indifferent.extend(accept(&assignment));
         let block: Vec<Lit> = assignment
             .iter()
-            .filter(|(cell, _)| !(is_solid && cells.is_nothing(**cell)))
+            .filter(|(cell, _)| !indifferent.contains(cell))
             .map(|(cell, solid)| {
                 let literal = Lit::new(encoder.cells[cell], true);
                 if *solid { !literal } else { literal }
@@ -267,5 +275,4 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize, mut accept: impl
             };
         }
     }
-    unreachable!("the search ends by itself")
 }
