@@ -36,7 +36,9 @@ fn solved(views: [Vec<DrawnCurve>; 3]) -> Solid {
     let drawing = Drawing {
         views: views.map(|(kind, curves)| View { kind, curves }).collect(),
     };
-    solve(&drawing).unwrap().solutions.remove(0).solid
+    let found = solve(&drawing).unwrap();
+    assert!(!found.solutions.is_empty(), "{found:?}");
+    found.solutions[0].solid.clone()
 }
 
 /// A box of 40 × 30 × 20 with a hole of diameter 12 from top to bottom.
