@@ -1,5 +1,6 @@
 //! One kind of contour fitted to readings.
 
+use super::combined::combined;
 use super::ends::ends;
 use super::held::Held;
 use super::joints::joints;
@@ -26,6 +27,8 @@ pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
+    /// All readings at once, and of curved kinds (circle, ellipse, slot) a noise-updated filter on those that were kept, which has less bias.
+    Combined,
     /// All readings at once.
     Batch,
     /// One after the other, linearised at the prediction.
@@ -59,7 +62,7 @@ pub struct FitOptions {
 impl Default for FitOptions {
     fn default() -> Self {
         Self {
-            method: Method::Batch,
+            method: Method::Combined,
             form: Form::ActiveFacet,
             motion: Motion::Still,
             gate: Some(4.0),
@@ -243,12 +246,20 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
     };
     if sightings.len() < setting.unknowns() {
         return Err(Error::undetermined(format!(
-            "{} readings cannot determine the {} unknowns of a {kind}: give more readings",
-            sightings.len(),
+            "{} cannot determine the {} unknowns of a {kind}: give at least as many",
+            count_of(sightings.len()),
             setting.unknowns()
         )));
     }
     Ok(setting)
+}
+
+/// `1 reading`, `7 readings`.
+pub(super) fn count_of(readings: usize) -> String {
+    match readings {
+        1 => "1 reading".to_owned(),
+        n => format!("{n} readings"),
+    }
 }
 
 /// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
@@ -271,7 +282,7 @@ fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -
         return Ok(vec![start.clone()]);
     }
     let first = match options.method {
-        Method::Batch => sightings.to_vec(),
+        Method::Batch | Method::Combined => sightings.to_vec(),
         _ => seed_of(sightings, setting).0,
     };
     Ok(with_motion(starts(&setting.kind, &first)?, setting, &first))
@@ -428,6 +439,7 @@ fn fit_from(
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
+        Method::Combined => combined(setting, sightings, start, options, thresholds),
         Method::Batch => batch(setting, sightings, start, options, thresholds),
         _ => recursive(setting, sightings, start, options),
     }
