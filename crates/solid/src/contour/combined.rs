@@ -3,13 +3,14 @@
 //! The batch looks at all readings at once: it finds back from a start that is rough, and tells which readings are wild. What curvature adds to distances it
 //! takes off to fourth order in the noise, which is not enough where the noise is a good part of the radius of curvature; the noise-updated filter,
 //! which linearises every reading at its own place on the contour, has hardly any bias there, but does not find back from wild readings. So the filter
-//! starts at what the batch found, and takes in the readings that the batch kept.
+//! starts at what the batch found, and takes in all readings that are not wild for the batch.
 
-use super::fit::{ContourFit, FitOptions, Method, batch};
+use super::fit::{ContourFit, FitOptions, Method, batch, equations, shared};
 use super::kind::Kind;
 use super::recursive::recursive;
 use super::sighting::{Motion, Setting, Sighting};
 use planish_estimate::Result;
+use planish_estimate::implicit::{ImplicitOptions, fit_implicit};
 
 /// The filter is only asked where there are so many readings for each unknown.
 const READINGS_AN_UNKNOWN: usize = 8;
@@ -32,14 +33,22 @@ pub(super) fn combined(
     if !is_curved || setting.motion != Motion::Still || !options.correct_bias {
         return Ok(found);
     }
-    let kept: Vec<usize> = (0..sightings.len()).filter(|k| found.used[*k]).collect();
+    // What the batch could give no place on the contour is not wild for that: without it a circle would be too large.
+    let (all, groups) = equations(setting, sightings);
+    let look = ImplicitOptions {
+        max_iterations: 0,
+        correct_bias: false,
+        ..ImplicitOptions::default()
+    };
+    let seen = fit_implicit(&all, shared(setting, &groups), &found.state, &look)?.distances;
+    let is_wild = |k: usize| seen[k].is_finite() && options.gate.is_some_and(|gate| seen[k].abs() > gate);
+    let kept: Vec<usize> = (0..sightings.len()).filter(|k| !is_wild(*k)).collect();
     if kept.len() < READINGS_AN_UNKNOWN * setting.unknowns() {
         return Ok(found);
     }
     let readings: Vec<Sighting> = kept.iter().map(|k| sightings[*k]).collect();
     let options = FitOptions {
         method: Method::NoiseUpdated,
-        gate: None,
         ..options.clone()
     };
     let Ok(filtered) = recursive(setting, &readings, found.state.as_slice(), &options) else {
@@ -49,8 +58,10 @@ pub(super) fn combined(
     let solved = found.covariance.clone().cholesky().map(|c| c.solve(&off));
     let is_near = solved.is_some_and(|s| off.dot(&s) < FARTHEST * FARTHEST * off.len() as f64);
     if is_near && filtered.covariance.iter().all(|c| c.is_finite()) {
-        for (k, distance) in kept.into_iter().zip(filtered.distances) {
-            found.distances[k] = distance;
+        found.distances.fill(f64::NAN);
+        found.used.fill(false);
+        for (k, at) in kept.into_iter().enumerate() {
+            (found.distances[at], found.used[at]) = (filtered.distances[k], filtered.used[k]);
         }
         found.state = filtered.state;
         found.covariance = filtered.covariance;

@@ -244,6 +244,7 @@ fn faces_over_poles_and_tips_close() {
     cone.push(line([-10.0, 0.0], [10.0, 0.0]));
     let mut bicone = tip(30.0);
     bicone.extend(tip(-5.0));
+    bicone.push(line([-10.0, 0.0], [10.0, 0.0]));
     // Edges of a quarter of a ball end at the pole.
     let half_disc = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
     let quarter_side = vec![
