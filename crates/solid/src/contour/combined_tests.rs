@@ -76,3 +76,19 @@ fn too_few_readings_for_any_kind_are_told_what_the_simplest_needs() {
         "{e}"
     );
 }
+
+/// With so much noise, two σ beside every corner are most of each side: what is left agrees with a hexagon turned by half a side.
+#[test]
+fn a_hexagon_is_not_turned_by_leaving_out_its_corners() {
+    let hexagon = [0.1, -0.2, 1.0, 0.2];
+    let kind = Kind::RegularPolygon(6);
+    for run in 0..12 {
+        let made = ranges(&kind, &hexagon, [0.1, -0.2], 300, &FAR, run);
+        let found = fit(&kind, &made.noisy, &FitOptions::default()).expect("a fit");
+        let sector = std::f64::consts::TAU / 6.0;
+        let turn = found.state[3] - hexagon[3];
+        let turn = turn - sector * (turn / sector).round();
+        assert!(turn.abs() < 0.17, "run {run}: turned by {turn}");
+        assert!((found.state[2] - 1.0).abs() < 0.06, "run {run}: {}", found.state[2]);
+    }
+}

@@ -12,12 +12,15 @@ const NORMAL: f64 = 1.4826;
 /// Points within so many standard deviations are of the curve.
 const NEAR: f64 = 2.5;
 
+/// Fits a curve to points, where it can.
+type Fit<'a> = dyn Fn(&[[f64; 2]]) -> Option<Vec<f64>> + 'a;
+
 /// A kind of curve by what it takes to fit one.
 pub(super) struct Curve<'a> {
     /// How many points determine it.
     pub(super) needed: usize,
     /// The curve of points, if there is one.
-    pub(super) fit: &'a dyn Fn(&[[f64; 2]]) -> Option<Vec<f64>>,
+    pub(super) fit: &'a Fit<'a>,
     /// The distance of a point from it.
     pub(super) distance: &'a dyn Fn(&[f64], [f64; 2]) -> f64,
 }
