@@ -51,6 +51,7 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         shapes,
         fit: FitOptions {
             method: match args.filter {
+                ContourFilter::Auto => Method::Combined,
                 ContourFilter::Batch => Method::Batch,
                 ContourFilter::Ekf => Method::Extended,
                 ContourFilter::Iekf => Method::Iterated,

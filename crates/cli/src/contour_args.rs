@@ -38,8 +38,8 @@ pub struct ContourArgs {
     /// polygon-N with N corners; in space plane3, sphere, cylinder, box; may be repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
-    /// How: all readings at once (batch), or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
-    #[arg(long, value_enum, default_value_t = ContourFilter::Batch)]
+    /// How: all readings at once, and circles, ellipses and slots then by the last of these filters, which has less bias (auto); only all at once (batch); or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
+    #[arg(long, value_enum, default_value_t = ContourFilter::Auto)]
     pub filter: ContourFilter,
     /// Readings farther than this many σ from the contour are left out; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative, allow_negative_numbers = true)]
@@ -130,6 +130,7 @@ pub enum KindChoice {
 )]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ContourFilter {
+    Auto,
     Batch,
     Ekf,
     Iekf,

@@ -46,6 +46,10 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
     match kind {
         ErrorKind::Undetermined => Some(match command {
             "fit" => "give more readings, or from more sides; check that the scans share one frame and unit".to_owned(),
+            "solid" => {
+                "look at the drawing where a place is named; a view or line that is missing may tell what is meant"
+                    .to_owned()
+            }
             "contour" => "give readings from more sides, or name a simpler --kind".to_owned(),
             _ if command.starts_with("sense") => {
                 "check the order of the pictures, the mask and the calibration; the picture may show too little"

@@ -135,7 +135,7 @@ pub struct SolidReport {
 ///
 /// # Errors
 /// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines can be explained, but no boundary
-/// closes; `Unsupported` where a mesh is asked for and a face cannot be filled; `Io` for file trouble. That no solid has these views is an answer: no
+/// closes, or where a mesh is asked for and a face cannot be filled; `Io` for file trouble. That no solid has these views is an answer: no
 /// solutions, and the lines that none explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     solid_files_reported(job, None, progress)

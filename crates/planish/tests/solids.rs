@@ -94,6 +94,42 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
 }
 
 #[test]
+fn a_circle_of_radius_zero_is_left_out_with_a_word() {
+    let folder = tempfile::tempdir().unwrap();
+    let views = box_with(rectangle(40.0, 20.0), folder.path());
+    let text = std::fs::read_to_string(&views[0]).unwrap();
+    let point = "0\nCIRCLE\n5\nA7\n8\nVISIBLE\n10\n7\n20\n7\n40\n0\n0\nENDSEC";
+    std::fs::write(&views[0], text.replacen("0\nENDSEC", point, 1)).unwrap();
+    let report = solved(views, Vec::new()).unwrap();
+    assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
+    let named = |w: &String| w.contains("CIRCLE A7") && w.contains("no length");
+    assert!(report.warnings.iter().any(named), "{:?}", report.warnings);
+}
+
+#[test]
+fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() {
+    let folder = tempfile::tempdir().unwrap();
+    for (factor, is_fine) in [(1e-6, false), (1e-3, true), (1e3, true), (1e8, false)] {
+        let drawn = [[40.0, 20.0], [40.0, 30.0], [30.0, 20.0]].map(|[w, h]| rectangle(factor * w, factor * h));
+        let views: Vec<PathBuf> = VIEWS.iter().map(|v| folder.path().join(format!("{v}.dxf"))).collect();
+        for (path, lines) in views.iter().zip(drawn) {
+            std::fs::write(path, dxf(&lines)).unwrap();
+        }
+        match solved(views, Vec::new()) {
+            Ok(report) => {
+                let volume = report.solutions[0].volume / factor.powi(3);
+                assert!(is_fine && (volume - 24_000.0).abs() < 1e-6, "{factor}: {volume}");
+            }
+            Err(e) => {
+                let said = e.to_string();
+                assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {said}");
+                assert!(said.contains("front.dxf") && said.contains("mm across"), "{said}");
+            }
+        }
+    }
+}
+
+#[test]
 fn an_open_contour_is_refused_and_its_ends_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);

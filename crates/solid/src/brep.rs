@@ -46,6 +46,16 @@ pub struct Face {
     pub loops: Vec<Vec<Coedge>>,
 }
 
+impl Face {
+    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself uses twice.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
+        let is_closed = matches!(self.surface, Surface::Sphere { .. } | Surface::Torus { .. });
+        is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
+    }
+}
+
 /// A solid by its boundary.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solid {
@@ -66,6 +76,45 @@ impl Solid {
             true => [edge.start, edge.end],
             false => [edge.end, edge.start],
         }
+    }
+
+    /// The solid with all lengths times a factor > 0.
+    #[must_use]
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let mut solid = self.clone();
+        let at = |p: &mut [f64; 3]| *p = p.map(|c| factor * c);
+        solid.vertices.iter_mut().for_each(at);
+        for edge in &mut solid.edges {
+            match &mut edge.curve {
+                Curve::Line { origin, .. } => {
+                    at(origin);
+                    edge.range = edge.range.map(|t| factor * t);
+                }
+                Curve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
+                Curve::Spline { points, derivatives } => points.iter_mut().chain(derivatives).for_each(at),
+            }
+        }
+        for face in &mut solid.faces {
+            match &mut face.surface {
+                Surface::Plane { origin, .. } => at(origin),
+                Surface::Cylinder { origin, radius, .. } | Surface::Cone { origin, radius, .. } => {
+                    at(origin);
+                    *radius *= factor;
+                }
+                Surface::Sphere { center, radius, .. } => {
+                    at(center);
+                    *radius *= factor;
+                }
+                Surface::Torus {
+                    center, major, minor, ..
+                } => {
+                    at(center);
+                    *major *= factor;
+                    *minor *= factor;
+                }
+            }
+        }
+        solid
     }
 
     /// Faces by the kind of their surface: planes, cylinders, cones, spheres, tori.
@@ -117,6 +166,53 @@ impl Solid {
             shells.push(shell);
         }
         shells
+    }
+
+    /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere, both circles of a torus.
+    pub(crate) fn add_whole(&mut self, surface: Surface, outward: bool) {
+        use std::f64::consts::{FRAC_PI_2, TAU};
+        let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
+            let [a, b] = [p, q].map(|p| planish_estimate::vector3::sub(p, center));
+            Curve::Ellipse { center, a, b }
+        };
+        let mut add = |curve: Curve, range: [f64; 2], ends: [usize; 2]| {
+            self.edges.push(Edge {
+                curve,
+                range,
+                start: ends[0],
+                end: ends[1],
+            });
+            self.edges.len() - 1
+        };
+        let first = self.vertices.len();
+        let at = |u: f64, v: f64| surface.point([u, v]);
+        let edges = match surface {
+            Surface::Sphere { center, .. } => {
+                self.vertices.extend([at(0.0, -FRAC_PI_2), at(0.0, FRAC_PI_2)]);
+                let meridian = arc(center, at(0.0, 0.0), at(0.0, FRAC_PI_2));
+                let edge = add(meridian, [-FRAC_PI_2, FRAC_PI_2], [first, first + 1]);
+                vec![(edge, true), (edge, false)]
+            }
+            Surface::Torus { center, x, major, .. } => {
+                self.vertices.push(at(0.0, 0.0));
+                let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
+                let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));
+                let ends = [first, first];
+                let (u, v) = (add(around, [0.0, TAU], ends), add(tube, [0.0, TAU], ends));
+                // Left of it as the surface's normal has it; the other way round where that points inwards.
+                match outward {
+                    true => vec![(u, true), (v, true), (u, false), (v, false)],
+                    false => vec![(v, true), (u, true), (v, false), (u, false)],
+                }
+            }
+            _ => return,
+        };
+        let ring = edges.into_iter().map(|(edge, forward)| Coedge { edge, forward });
+        self.faces.push(Face {
+            surface,
+            outward,
+            loops: vec![ring.collect()],
+        });
     }
 
     /// Takes out edges that no loop uses.

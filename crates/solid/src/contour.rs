@@ -22,6 +22,9 @@
 //! Weiss-Cohen, Bondarenko and Halevi 2009, section 2.
 
 mod choose;
+mod combined;
+#[cfg(test)]
+mod combined_tests;
 mod curve;
 mod ends;
 mod fit;

@@ -2,17 +2,19 @@
 //!
 //! Comes in: a solid by its boundary. Goes out: a [`TriangleMesh`] that is closed, oriented outwards and manifold, whose vertices lie on the solid's
 //! edges and faces. Every edge is cut into chords once, and both its faces use these; each face is filled between its loops by a constrained
-//! Delaunay triangulation in its surface's parameters, with points added within it where a chord misses the surface by more than the tolerance.
+//! Delaunay triangulation in plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface by more than the tolerance.
 //!
-//! Not guaranteed: shapes of triangles; faces that hold a pole of their surface (the end of a ball, the tip of a cone).
+//! Not guaranteed: shapes of triangles; a torus less a part that goes around neither its axis nor its tube.
 //!
 //! # References
 //! Chew 1989, *Constrained Delaunay triangulations*; the crate `spade` (exact predicates).
 
+mod chart;
 mod domain;
 mod fill;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 use crate::brep::{Coedge, Curve, Edge, Solid};
 use planish_estimate::vector3::{norm, scale, sub};
@@ -132,6 +134,10 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let mut points = Points::of(solid, tolerance);
     let mut triangles = Vec::new();
     for (index, face) in solid.faces.iter().enumerate() {
+        if face.is_whole() {
+            triangles.extend(whole::triangles(face, &mut points, tolerance));
+            continue;
+        }
         let named = |e: Error| e.in_context(format!("face {index} ({})", face.surface.kind()));
         let domain = domain::Domain::of(face, &mut points, tolerance).map_err(named)?;
         triangles.extend(fill::triangles(face, &domain, &mut points, tolerance).map_err(named)?);

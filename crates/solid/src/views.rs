@@ -35,6 +35,8 @@ mod oblique_wall;
 mod plan;
 mod profile;
 mod quadrics;
+#[cfg(test)]
+mod ring_tests;
 mod rings;
 mod search;
 mod sheet;
@@ -55,12 +57,17 @@ mod wall_sight;
 mod wireframe;
 
 use crate::brep::{Measures, Solid};
+use crate::reprojection::{CompareOptions, disagreements};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
 use planish_estimate::{Error, ErrorKind, Result};
 pub use sheet::{Projection, views_of_sheet};
+use std::cmp::Ordering;
 
 /// Surfaces of revolution are tried where there are so many candidates at most.
 const MOST_WALLS: usize = 24;
+
+/// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as some accuracies are fixed lengths.
+const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -72,24 +79,35 @@ pub struct Solution {
     pub solid: Solid,
     /// What it measures.
     pub measures: Measures,
-    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
+    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other. Of equally cheap ones those with fewer edges
+    /// come first.
     pub cost: f64,
 }
 
 impl Solution {
-    /// Whether two solids are one: slivers without a volume may be empty or solid.
-    fn is_same(&self, other: &Self) -> bool {
+    /// The better first: the cheaper one, of equally cheap ones that with fewer edges.
+    fn compared(&self, other: &Self) -> Ordering {
+        let edges = |s: &Self| s.solid.edges.len();
+        self.cost.total_cmp(&other.cost).then(edges(self).cmp(&edges(other)))
+    }
+
+    /// Whether two solids have one volume, area and centroid, but for slivers.
+    fn measures_the_same(&self, other: &Self) -> bool {
         let (a, b) = (&self.measures, &other.measures);
-        let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
-        let size = a.area.sqrt();
+        let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-8 * size;
+        near(a.volume, b.volume, a.volume)
+            && near(a.area, b.area, a.area)
+            && (0..3).all(|k| near(a.centroid[k], b.centroid[k], a.area.sqrt()))
+    }
+
+    /// Whether another solid has as many faces of each kind and vertices in the same places.
+    fn has_vertices_of(&self, other: &Self) -> bool {
+        let near = 1e-6 * self.measures.area.sqrt();
         let has = |solid: &Solid, p: [f64; 3]| {
             let mut vertices = solid.vertices.iter();
-            vertices.any(|v| (0..3).all(|k| near(v[k], p[k], 1e3 * size)))
+            vertices.any(|v| (0..3).all(|k| (v[k] - p[k]).abs() <= near))
         };
         self.solid.faces_by_kind() == other.solid.faces_by_kind()
-            && near(a.volume, b.volume, a.volume)
-            && near(a.area, b.area, a.area)
-            && (0..3).all(|k| near(a.centroid[k], b.centroid[k], size))
             && self.solid.vertices.len() == other.solid.vertices.len()
             && self.solid.vertices.iter().all(|v| has(&other.solid, *v))
     }
@@ -129,22 +147,42 @@ pub struct Solutions {
 /// can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
+    let size = drawing.size();
+    if !(size > 0.0 && size.is_finite()) || (USUAL_SIZE[0]..USUAL_SIZE[1]).contains(&size) {
+        return solve_scaled(drawing, 1.0);
+    }
+    // By a power of ten, so that round coordinates stay round.
+    let scale = 10_f64.powi(size.log10().floor() as i32 - 2);
+    let mut found = solve_scaled(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
+        let in_what = format!("in units of {scale:e}");
+        e.in_context(in_what)
+    })?;
+    for solution in &mut found.solutions {
+        solution.solid = solution.solid.scaled(scale);
+        solution.measures = solution.solid.measures();
+    }
+    Ok(found)
+}
+
+/// [`solve`] for a drawing of usual size; places that are named are in units `scale` times smaller.
+fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     if let Some(found) = oblique {
         let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_plan(&tidy, &plan);
+        let solved = solve_plan(&tidy, &plan, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_plan(&tidy, &plan);
+    let mut best = solve_plan(&tidy, &plan, scale);
+    let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
         // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        if is_too_large || !strict && best_cost(&best).is_some() {
+        if is_too_large || !strict && cheapest.is_some() {
             break;
         }
         let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
@@ -154,15 +192,17 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
-        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()));
+        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), scale);
         tried = walls;
-        let is_better = match (best_cost(&found), best_cost(&best)) {
-            (Some(found), Some(best)) => found < best,
+        let found_cheapest = best_agreeing(&found, drawing);
+        let is_better = match (&found_cheapest, &cheapest) {
+            (Some(found), Some(best)) => found.compared(best).is_lt(),
             (None, Some(_)) => false,
-            _ => true,
+            (Some(_), None) => true,
+            (None, None) => best_cost(&found).is_some() || best_cost(&best).is_none(),
         };
         if is_better {
-            best = found;
+            (best, cheapest) = (found, found_cheapest);
         }
     }
     best
@@ -173,31 +213,48 @@ fn best_cost(found: &Result<Solutions>) -> Option<f64> {
     found.as_ref().ok()?.solutions.first().map(|s| s.cost)
 }
 
+/// The best solid that was found and that shows the lines of the drawing.
+fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solution> {
+    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &CompareOptions::default()).is_empty();
+    found.as_ref().ok()?.solutions.iter().find(agrees).cloned()
+}
+
 /// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
+fn solve_plan(drawing: &Drawing, plan: &plan::Plan, scale: f64) -> Result<Solutions> {
     let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
-    let found = search::search(&cells, &looks, MOST_SOLUTIONS);
-    let mut solutions = Solutions {
-        complete: found.complete,
-        ..Solutions::default()
-    };
-    solutions.unexplained = unexplained(drawing, &found.unexplained);
-    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
+    let mut solutions = Solutions::default();
+    let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
+    let found = search::search(&cells, &looks, MOST_SOLUTIONS, |assignment| {
+        let solution = match solution(&cells, assignment) {
+            Ok(solution) => solution,
+            Err(e) => {
+                solutions.rejected.push(e.to_string());
+                return Vec::new();
+            }
+        };
+        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+            if by_slivers || same.has_vertices_of(&solution) {
+                // The one whose faces and edges are cut least often stands for both.
+                if solution.compared(same).is_lt() {
+                    (*first, *same) = (assignment.clone(), solution);
+                }
+                return if by_slivers { between } else { Vec::new() };
+            }
+        }
+        known.push((assignment.clone(), solution));
+        Vec::new()
+    });
+    solutions.solutions = known.into_iter().map(|k| k.1).collect();
+    solutions.complete = found.complete;
+    solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
     if !solutions.unexplained.is_empty() {
         return Ok(solutions);
     }
-    for assignment in &found.assignments {
-        match solution(&cells, assignment) {
-            Ok(solution) => {
-                if !solutions.solutions.iter().any(|known| known.is_same(&solution)) {
-                    solutions.solutions.push(solution);
-                }
-            }
-            Err(e) => solutions.rejected.push(e.to_string()),
-        }
-    }
-    solutions.solutions.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    solutions.solutions.sort_by(Solution::compared);
     if solutions.solutions.is_empty() {
         let why = solutions.rejected.first().cloned().unwrap_or_default();
         return Err(Error::undetermined(format!("no solid has these views: {why}")));
@@ -206,7 +263,7 @@ fn solve_plan(drawing: &Drawing, plan: &plan::Plan) -> Result<Solutions> {
 }
 
 /// Each line that no solid explains once, with the first place and how many others there are.
-fn unexplained(drawing: &Drawing, found: &[(Option<LineStyle>, sight::LookPlace)]) -> Vec<Unexplained> {
+fn unexplained(drawing: &Drawing, found: &[(Option<LineStyle>, sight::LookPlace)], scale: f64) -> Vec<Unexplained> {
     let mut places: Vec<(Option<LineStyle>, &sight::LookPlace, usize)> = Vec::new();
     for (style, place) in found {
         let same = places
@@ -234,10 +291,22 @@ fn unexplained(drawing: &Drawing, found: &[(Option<LineStyle>, sight::LookPlace)
             Unexplained {
                 view: view.kind,
                 entity: place.curve.map(|c| view.curves[c].entity.clone()),
-                why: format!("{what} at {:.4} {:.4}{more}", place.at[0], place.at[1]),
+                why: format!(
+                    "{what} at {} {}{more}",
+                    figure(scale * place.at[0]),
+                    figure(scale * place.at[1])
+                ),
             }
         })
         .collect()
+}
+
+/// A coordinate with four places behind the point; of very small and large drawings in powers of ten.
+fn figure(value: f64) -> String {
+    match value.abs() {
+        size if size == 0.0 || (1e-3..1e9).contains(&size) => format!("{value:.4}"),
+        _ => format!("{value:.4e}"),
+    }
 }
 
 fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {

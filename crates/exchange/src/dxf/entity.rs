@@ -67,8 +67,13 @@ fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
 
 fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
     let radius = record.needed(40, "a radius")?;
-    if radius <= 0.0 {
+    if radius < 0.0 {
         return Err(Error::input(format!("needed a radius > 0, found {radius}")));
+    }
+    if radius == 0.0 {
+        // A point: it is left out with a word, as all that has no length.
+        let center = point(record, 10)?;
+        return Ok(Curve2::Segment(center, center));
     }
     let sweep = (to - from).rem_euclid(360.0);
     Ok(Curve2::Arc {

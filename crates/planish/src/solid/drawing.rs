@@ -18,6 +18,9 @@ const MEETS: f64 = 1e-4;
 /// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
 const SAME: f64 = 1e-7;
 
+/// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from 0.004 mm to 4e8 mm, and not of 4e9 mm.
+const SIZES_MM: [f64; 2] = [1e-3, 1e9];
+
 /// Reads the files.
 pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
     let mut drawing = Drawing::default();
@@ -62,7 +65,21 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
         drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
     check_extents(&drawing, &job.views)?;
-    Ok((drawing, unit.or(job.unit).unwrap_or(Unit::Millimetre)))
+    let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
+    check_size(&drawing, unit, job)?;
+    Ok((drawing, unit))
+}
+
+/// Refuses drawings of a size at which no STEP file is valid.
+fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
+    let size = drawing.size();
+    if (SIZES_MM[0]..=SIZES_MM[1]).contains(&(size * unit.millimetres())) {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, for what reads STEP works with fixed accuracies; check the unit (--unit, or $INSUNITS of a DXF) and the scale",
+        job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
+    )))
 }
 
 fn read_file(path: &Path) -> Result<DxfDrawing> {

@@ -1,7 +1,7 @@
 //! Solids as files: STEP, or meshes within a tolerance.
 
 use super::SolidJob;
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, extension};
@@ -28,17 +28,22 @@ pub(super) fn is_solid_file(path: &Path) -> bool {
 /// Makes everything that will be written, so that nothing is written where something cannot be made.
 pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance: f64) -> Result<Vec<Prepared<'a>>> {
     let is_meshed = job.outputs.iter().any(|output| is_mesh_file(output));
-    let one = |solution: &&'a Solution| {
+    let one = |(index, solution): (usize, &&'a Solution)| {
         let solid = &solution.solid;
         let mesh = match is_meshed {
-            true => Some(
-                tessellate(solid, tolerance).map_err(|e| e.in_context("no mesh can be made (.step can be written)"))?,
-            ),
+            true => Some(tessellate(solid, tolerance).map_err(|e| no_mesh(&e, index + 1))?),
             false => None,
         };
         Ok(Prepared { solid, mesh })
     };
-    solutions.iter().map(one).collect()
+    solutions.iter().enumerate().map(one).collect()
+}
+
+/// Why no mesh is written, and what can be done: neither the drawing nor the command is wrong.
+fn no_mesh(e: &Error, rank: usize) -> Error {
+    Error::undetermined(format!(
+        "no file is written, for solid {rank} cannot be meshed: {e}; it can be written as .step, without .ply, .stl, .glb and .obj"
+    ))
 }
 
 /// Writes all files; returns the first file of each solid, and all of them.

@@ -4,7 +4,7 @@
 //! cone's apex, where circles around the axis have no length, or a v at which the tube of a torus has no face. Where a face goes all around the tube it is
 //! `∮ G dv` with `G = ∫ f du`. Inner integrals are Gauss–Legendre of ten points on pieces of at most 30°.
 //!
-//! Not guaranteed: faces that go all around a torus in both ways, and edges through a sphere's poles.
+//! Not guaranteed: a torus less a part that goes around neither its axis nor its tube, and edges through a sphere's poles.
 
 use super::measures::{GAUSS, pieces};
 use super::{Face, Solid, Surface};
@@ -31,6 +31,9 @@ impl Solid {
     /// Over a face of a cone, sphere or torus, with the surface's own normal and the sense of the loops: 1, `p · n`, `p_k² n_k`.
     pub(super) fn turned_integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sense = if face.outward { 1.0 } else { -1.0 };
+        if face.is_whole() {
+            return whole(&face.surface, origin).map(|value| sense * value);
+        }
         let nodes = self.nodes(face);
         let of = |base| integrated(&face.surface, &nodes, base, origin);
         match face.surface {
@@ -48,16 +51,12 @@ impl Solid {
                 }
                 best
             }
-            Surface::Sphere { center, radius, .. } => {
+            Surface::Sphere { .. } => {
                 let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
                 let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
                 // A face that holds both poles came out less the whole sphere.
                 if found[0] * sense <= 0.0 {
-                    let (area, d) = (4.0 * PI * radius * radius, sub(center, origin));
-                    let whole = [area, area * radius]
-                        .into_iter()
-                        .chain(d.map(|c| 2.0 / 3.0 * c * radius * area));
-                    for (sum, whole) in found.iter_mut().zip(whole) {
+                    for (sum, whole) in found.iter_mut().zip(whole(&face.surface, origin)) {
                         *sum += sense * whole;
                     }
                 }
@@ -89,6 +88,25 @@ impl Solid {
         }
         nodes
     }
+}
+
+/// The integrals over the whole of a sphere or torus: `∬ p · n = 3 V`, `∬ p_k² n_k = 2 V c_k` for its centre c.
+fn whole(surface: &Surface, origin: [f64; 3]) -> [f64; 5] {
+    let (area, volume, center) = match *surface {
+        Surface::Sphere { center, radius, .. } => {
+            let area = 4.0 * PI * radius * radius;
+            (area, area * radius / 3.0, center)
+        }
+        Surface::Torus {
+            center, major, minor, ..
+        } => {
+            let volume = 2.0 * PI * PI * major * minor * minor;
+            (2.0 * volume / minor, volume, center)
+        }
+        _ => return [0.0; 5],
+    };
+    let [x, y, z] = sub(center, origin).map(|c| 2.0 * volume * c);
+    [area, 3.0 * volume, x, y, z]
 }
 
 /// The centre, the axis, the distance from the axis at v = 0 and what v counts in.

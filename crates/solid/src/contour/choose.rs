@@ -1,6 +1,6 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as good.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, finish, fit, rough};
+use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
 use super::start::chain_starts;
@@ -81,6 +81,17 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         return Err(Error::undetermined(
             "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
         ));
+    }
+    let unknowns = |kind: &Kind| kind.parameters() + options.motion.unknowns();
+    if let Some((simplest, _)) = tried.iter().min_by_key(|(kind, _)| unknowns(kind))
+        && tried.len() > 1
+        && sightings.len() < unknowns(simplest)
+    {
+        return Err(Error::undetermined(format!(
+            "{} cannot determine any of these kinds: the simplest, a {simplest}, needs at least {}",
+            count_of(sightings.len()),
+            unknowns(simplest)
+        )));
     }
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, sightings, options)?;

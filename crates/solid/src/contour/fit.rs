@@ -1,5 +1,6 @@
 //! One kind of contour fitted to readings.
 
+use super::combined::combined;
 use super::ends::ends;
 use super::held::Held;
 use super::joints::joints;
@@ -16,6 +17,9 @@ use planish_estimate::{Error, Loss, Result, Termination};
 /// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
 const READINGS_A_SIDE: usize = 25;
 
+/// A fit without the readings near corners whose logarithm of the likelihood of all readings is less by more than this has lost its way.
+const LOST_BY_MARGIN: f64 = 20.0;
+
 /// What a reading may cost a likelihood where there is no gate, in standard deviations.
 const ROUGH_GATE: f64 = 10.0;
 
@@ -26,6 +30,8 @@ pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
+    /// All readings at once, and of curved kinds (circle, ellipse, slot) a noise-updated filter on those that are not wild, which has less bias.
+    Combined,
     /// All readings at once.
     Batch,
     /// One after the other, linearised at the prediction.
@@ -59,7 +65,7 @@ pub struct FitOptions {
 impl Default for FitOptions {
     fn default() -> Self {
         Self {
-            method: Method::Batch,
+            method: Method::Combined,
             form: Form::ActiveFacet,
             motion: Motion::Still,
             gate: Some(4.0),
@@ -243,12 +249,20 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
     };
     if sightings.len() < setting.unknowns() {
         return Err(Error::undetermined(format!(
-            "{} readings cannot determine the {} unknowns of a {kind}: give more readings",
-            sightings.len(),
+            "{} cannot determine the {} unknowns of a {kind}: give at least as many",
+            count_of(sightings.len()),
             setting.unknowns()
         )));
     }
     Ok(setting)
+}
+
+/// `1 reading`, `7 readings`.
+pub(super) fn count_of(readings: usize) -> String {
+    match readings {
+        1 => "1 reading".to_owned(),
+        n => format!("{n} readings"),
+    }
 }
 
 /// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
@@ -271,7 +285,7 @@ fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -
         return Ok(vec![start.clone()]);
     }
     let first = match options.method {
-        Method::Batch => sightings.to_vec(),
+        Method::Batch | Method::Combined => sightings.to_vec(),
         _ => seed_of(sightings, setting).0,
     };
     Ok(with_motion(starts(&setting.kind, &first)?, setting, &first))
@@ -428,6 +442,7 @@ fn fit_from(
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
+        Method::Combined => combined(setting, sightings, start, options, thresholds),
         Method::Batch => batch(setting, sightings, start, options, thresholds),
         _ => recursive(setting, sightings, start, options),
     }
@@ -483,7 +498,23 @@ pub(super) fn batch(
         margin: corner_margin(setting, sightings.len(), options),
         ..plain
     };
-    let found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
+    let mut found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
+    let mut placed_found = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
+    if options_here.margin.is_some() && setting.kind.pieces() > 2 {
+        // Where the margin takes many readings, what is left may agree with another phase or size: all of them tell.
+        let all_count = ImplicitOptions {
+            margin: None,
+            ..options_here
+        };
+        let other = fit_implicit(&readings, shared(setting, &kept_groups), &at, &all_count)?;
+        let placed_other = placed(setting, other.state.as_slice(), sightings, outlier_gate(options));
+        let is_lost = |of: f64, all: f64| of < all - LOST_BY_MARGIN;
+        if other.covariance.is_some()
+            && (placed_found.log_likelihood.zip(placed_other.log_likelihood)).is_some_and(|(of, all)| is_lost(of, all))
+        {
+            (found, placed_found) = (other, placed_other);
+        }
+    }
     let Some(covariance) = found.covariance else {
         return Err(Error::undetermined(
             "the readings leave a parameter of the contour free",
@@ -498,7 +529,6 @@ pub(super) fn batch(
         }
     }
     let left_out = used.iter().filter(|u| !**u).count() as f64;
-    let placed = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),
         state: found.state,
@@ -506,8 +536,8 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        least_seen: placed.least_seen,
-        log_likelihood: (placed.log_likelihood).unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
+        least_seen: placed_found.least_seen,
+        log_likelihood: (placed_found.log_likelihood).unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: setting.pivot,
         time_s: setting.time_s,

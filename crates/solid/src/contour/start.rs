@@ -1,20 +1,24 @@
 //! Parameters to start from, without a guess.
 
 mod hull;
+mod sampled;
 mod segments;
 mod sequence;
 
+use super::fit::count_of;
 use super::kind::Kind;
 use super::sighting::Sighting;
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::Result;
+use sampled::Curve;
 pub(crate) use segments::MOST_PIECES;
 use segments::{chains, polygon};
 use sequence::Sequence;
 
 /// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
 ///
-/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, boxes by the least mean distance over all
+/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, both and lines also by the least median of distances where wild readings pull these
+/// away, boxes by the least mean distance over all
 /// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of three and four
 /// corners by the hull of the readings too.
 ///
@@ -28,15 +32,36 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     if points.len() < kind.parameters() {
         return Err(planish_estimate::Error::undetermined(format!(
-            "{} readings cannot determine the {} parameters of a {kind}",
-            points.len(),
+            "{} cannot determine the {} parameters of a {kind}",
+            count_of(points.len()),
             kind.parameters()
         )));
     }
     Ok(match kind {
-        Kind::Line => vec![line(&points)],
-        Kind::Circle => circle(&points).into_iter().collect(),
-        Kind::Ellipse => ellipse_starts(&points),
+        Kind::Line => {
+            let curve = Curve {
+                needed: 2,
+                fit: &|p| (p.len() > 1).then(|| line(p)),
+                distance: &|l, p| p[1] * l[0].cos() - p[0] * l[0].sin() - l[1],
+            };
+            with_sampled(&curve, vec![line(&points)], &points)
+        }
+        Kind::Circle => {
+            let curve = Curve {
+                needed: 3,
+                fit: &circle,
+                distance: &|c, p| (p[0] - c[0]).hypot(p[1] - c[1]) - c[2],
+            };
+            with_sampled(&curve, circle(&points).into_iter().collect(), &points)
+        }
+        Kind::Ellipse => {
+            let curve = Curve {
+                needed: 5,
+                fit: &direct_ellipse,
+                distance: &|e, p| from_ellipse(e, p),
+            };
+            with_sampled(&curve, ellipse_starts(&points), &points)
+        }
         Kind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
         Kind::RoundedRectangle => {
             let shares = [0.35, 0.15];
@@ -58,6 +83,29 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
         }
         Kind::Chain { .. } => Vec::new(),
     })
+}
+
+/// Starts, and the curve of the least median distance where that is clearly nearer to half of the points than any of them.
+fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    const NEARER: f64 = 0.85;
+    if let Some(sampled) = curve.of_least_median(points) {
+        let least = starts
+            .iter()
+            .map(|s| curve.median(s, points))
+            .fold(f64::INFINITY, f64::min);
+        if curve.median(&sampled, points) < NEARER * least {
+            starts.push(sampled);
+        }
+    }
+    starts
+}
+
+/// How far a point is from an ellipse along the line to its centre.
+fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
+    let (sin, cos) = e[4].sin_cos();
+    let d = [p[0] - e[0], p[1] - e[1]];
+    let scaled = ((cos * d[0] + sin * d[1]) / e[2]).hypot((cos * d[1] - sin * d[0]) / e[3]);
+    d[0].hypot(d[1]) * (1.0 - 1.0 / scaled.max(f64::MIN_POSITIVE))
 }
 
 /// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and parameters.

@@ -156,7 +156,7 @@ fn consistency(
 
 #[test]
 fn what_was_simulated_is_found_within_its_covariance() {
-    for method in [Method::Batch, Method::NoiseUpdated] {
+    for method in [Method::Combined, Method::Batch, Method::NoiseUpdated] {
         let options = FitOptions {
             method,
             gate: None,

@@ -139,7 +139,7 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
         ..ImplicitOptions::default()
     };
     let undetermined = || Error::undetermined("the readings leave a parameter of the shape free");
-    let (state, covariance, termination) = if options.method == Method::Batch {
+    let (state, covariance, termination) = if matches!(options.method, Method::Batch | Method::Combined) {
         let found = fit_implicit(&kept, None, &at, &last)?;
         (
             found.state,

@@ -134,6 +134,9 @@ fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize
     let [(f, first), (g, second)] = edges.uses[index][..] else {
         return Some(false);
     };
+    if solid.faces[f].is_whole() {
+        return None;
+    }
     let edge = &solid.edges[index];
     let (mut any, mut all) = (false, true);
     for share in [0.21, 0.48, 0.83] {

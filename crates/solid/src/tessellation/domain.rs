@@ -1,12 +1,17 @@
 //! The part of a surface's parameters that a face covers: polygons, an outer one and holes.
 //!
-//! Comes in: a face with the points of its edges. Goes out: polygons of mesh vertices with parameters that do not jump by a turn. Around an axis,
-//! a face between two loops is cut along a bridge from one to the other, which both sides of the cut share.
+//! Comes in: a face with the points of its edges. Goes out: polygons of mesh vertices in a plane ([`Chart`]). In parameters these do not jump by a turn:
+//! a face between two loops around an axis, or around the tube of a torus, is cut along a bridge from one to the other, which both sides of the cut share.
 
 use super::Points;
-use crate::brep::{Face, Surface};
+use super::chart::Chart;
+use crate::brep::{Face, Surface, unit};
+use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
+
+/// Directions among which a pole is chosen that lies off a sphere's face.
+const DIRECTIONS: usize = 200;
 
 /// A corner: the mesh's vertex and where it is, in lengths along the parameters.
 #[derive(Debug, Clone, Copy)]
@@ -19,8 +24,9 @@ pub(super) struct Corner {
 pub(super) struct Domain {
     /// Polygons: where a point lies in an odd number of them, it is in the face.
     pub(super) polygons: Vec<Vec<Corner>>,
-    /// Lengths for steps of the parameters.
-    pub(super) steps: [f64; 2],
+    /// Points within it that must be vertices: the tip of a cone.
+    pub(super) inner: Vec<Corner>,
+    pub(super) chart: Chart,
 }
 
 fn turn(angle: f64) -> f64 {
@@ -29,69 +35,226 @@ fn turn(angle: f64) -> f64 {
 
 impl Domain {
     pub(super) fn of(face: &Face, points: &mut Points, tolerance: f64) -> Result<Self> {
-        let is_plane = matches!(face.surface, Surface::Plane { .. });
-        let mut loops: Vec<Vec<Corner>> = Vec::new();
-        let mut windings = Vec::new();
-        for ring in &face.loops {
-            let vertices: Vec<u32> = ring.iter().flat_map(|c| points.along(*c)).collect();
-            let mut corners: Vec<Corner> = Vec::with_capacity(vertices.len());
-            for vertex in vertices {
-                let mut at = face.surface.parameters(points.positions[vertex as usize]);
-                if let (false, Some(last)) = (is_plane, corners.last()) {
-                    at[0] = last.at[0] + turn(at[0] - last.at[0]);
-                }
-                corners.push(Corner { vertex, at });
-            }
-            let (Some(first), Some(last)) = (corners.first(), corners.last()) else {
-                continue;
-            };
-            let around = if is_plane {
-                0.0
-            } else {
-                last.at[0] + turn(first.at[0] - last.at[0]) - first.at[0]
-            };
-            windings.push((around / TAU).round() as i32);
-            loops.push(corners);
-        }
-        let Some(start) = loops.first().and_then(|l| l.first()) else {
+        let rings: Vec<Vec<u32>> = face
+            .loops
+            .iter()
+            .map(|ring| ring.iter().flat_map(|c| points.along(*c)).collect())
+            .filter(|ring: &Vec<u32>| !ring.is_empty())
+            .collect();
+        if rings.is_empty() {
             return Err(Error::unsupported("it has no loops"));
-        };
-        let steps = super::steps(&face.surface, start.at);
-        let mut polygons = match windings.iter().filter(|w| **w != 0).count() {
-            0 => loops,
-            2 => {
-                let first = windings.iter().position(|w| *w == 1);
-                let second = windings.iter().position(|w| *w == -1);
-                let (Some(first), Some(second)) = (first, second) else {
-                    return Err(Error::unsupported("two of its loops run around it the same way"));
-                };
-                let joined = joined(face, points, &loops, [first, second], steps, tolerance)?;
-                let others = loops
-                    .into_iter()
-                    .enumerate()
-                    .filter(|(k, _)| *k != first && *k != second);
-                std::iter::once(joined).chain(others.map(|(_, l)| l)).collect()
-            }
-            n => {
-                return Err(Error::unsupported(format!(
-                    "{n} of its loops run around it: needed none or two"
-                )));
-            }
-        };
-        if !is_plane {
-            shift_into_outer(&mut polygons);
         }
-        for corner in polygons.iter_mut().flatten() {
-            corner.at = [corner.at[0] * steps[0], corner.at[1] * steps[1]];
-        }
-        part_touching(&mut polygons, if face.outward { 1.0 } else { -1.0 });
-        Ok(Self { polygons, steps })
+        let mut domain = match face.surface {
+            Surface::Sphere { center, radius, .. } => on_sphere(face, points, &rings, center, radius)?,
+            Surface::Cone { .. } => match with_tip(face, points, &rings) {
+                Some(domain) => domain,
+                None => in_parameters(face, points, &rings, tolerance)?,
+            },
+            _ => in_parameters(face, points, &rings, tolerance)?,
+        };
+        let left = if face.outward == domain.chart.is_mirrored() {
+            -1.0
+        } else {
+            1.0
+        };
+        part_touching(&mut domain.polygons, left);
+        Ok(domain)
     }
+}
+
+/// The polygons of rings in a chart without jumps.
+fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> {
+    let corner = |vertex: &u32| Corner {
+        vertex: *vertex,
+        at: chart.at(points.positions[*vertex as usize]),
+    };
+    rings.iter().map(|ring| ring.iter().map(corner).collect()).collect()
+}
+
+/// The area that polygons enclose, positive where they run counter-clockwise.
+fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
+    let of = |polygon: &Vec<Corner>| -> f64 {
+        let n = polygon.len();
+        (0..n)
+            .map(|k| {
+                let (a, b) = (polygon[k].at, polygon[(k + 1) % n].at);
+                (a[0] * b[1] - b[0] * a[1]) / 2.0
+            })
+            .sum()
+    };
+    polygons.iter().map(of).sum()
+}
+
+/// A face of a sphere, projected from the point off the face that is farthest from its loops.
+fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: [f64; 3], radius: f64) -> Result<Domain> {
+    let sense = if face.outward { 1.0 } else { -1.0 };
+    let direction = |vertex: &u32| unit(sub(points.positions[*vertex as usize], center));
+    let of: Vec<Vec<[f64; 3]>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
+    let mut poles: Vec<[f64; 3]> = (0..DIRECTIONS)
+        .map(|k| {
+            // Fibonacci's lattice: evenly over the sphere.
+            let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
+            let angle = TAU * 0.618_033_988_749_895 * k as f64;
+            let across = (1.0 - z * z).sqrt();
+            [across * angle.cos(), across * angle.sin(), z]
+        })
+        .collect();
+    for ring in &of {
+        let sum = ring.iter().fold([0.0; 3], |sum, d| add(sum, *d));
+        if norm(sum) > 1e-9 {
+            poles.extend([unit(sum), unit(scale(-1.0, sum))]);
+        }
+        for k in 0..ring.len() {
+            // A little to the right of the loop, as seen from outside of the solid.
+            let (a, b) = (ring[k], ring[(k + 1) % ring.len()]);
+            let right = cross(sub(b, a), scale(sense, add(a, b)));
+            poles.push(unit(add_scaled(add(a, b), 0.5, right)));
+        }
+    }
+    let clearance = |pole: &[f64; 3]| of.iter().flatten().map(|d| -dot(*d, *pole)).fold(f64::MAX, f64::min);
+    let mut order: Vec<(f64, [f64; 3])> = poles.into_iter().map(|p| (clearance(&p), p)).collect();
+    order.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (_, pole) in order {
+        let chart = Chart::sphere(center, radius, pole);
+        let polygons = flat(&chart, points, rings);
+        // Seen from a point of the face itself, the loops would enclose what is not the face.
+        if sense * signed_area(&polygons) > 0.0 {
+            return Ok(Domain {
+                polygons,
+                inner: Vec::new(),
+                chart,
+            });
+        }
+    }
+    Err(Error::unsupported("its loops leave no part of the sphere out"))
+}
+
+/// A cone's face that holds the tip or has a corner there; none of other faces.
+fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Domain> {
+    let chart = Chart::cone(&face.surface)?;
+    let polygons = flat(&chart, points, rings);
+    let reach = polygons
+        .iter()
+        .flatten()
+        .map(|c| c.at[0].hypot(c.at[1]))
+        .fold(0.0, f64::max);
+    let at_tip = |c: &Corner| c.at[0].hypot(c.at[1]) < 1e-9 * reach;
+    if polygons.iter().flatten().any(at_tip) {
+        let inner = Vec::new();
+        return Some(Domain { polygons, inner, chart });
+    }
+    let around = |polygon: &Vec<Corner>| -> f64 {
+        let angle = |k: usize| {
+            let at = polygon[k % polygon.len()].at;
+            at[1].atan2(at[0])
+        };
+        (0..polygon.len()).map(|k| turn(angle(k + 1) - angle(k))).sum()
+    };
+    let windings = polygons.iter().filter(|p| around(p).abs() > TAU / 2.0).count();
+    (windings % 2 == 1).then(|| {
+        let tip = Corner {
+            vertex: points.add(chart.point([0.0; 2])),
+            at: [0.0; 2],
+        };
+        let inner = vec![tip];
+        Domain { polygons, inner, chart }
+    })
+}
+
+/// A face in its surface's parameters.
+fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance: f64) -> Result<Domain> {
+    let has_period = face.surface.periods().map(|p| p.is_some());
+    let mut loops: Vec<Vec<Corner>> = Vec::new();
+    let mut windings: Vec<[i32; 2]> = Vec::new();
+    for ring in rings {
+        let mut corners: Vec<Corner> = Vec::with_capacity(ring.len());
+        let after = |last: [f64; 2], at: [f64; 2]| {
+            [0, 1].map(|k| match has_period[k] {
+                true => last[k] + turn(at[k] - last[k]),
+                false => at[k],
+            })
+        };
+        for &vertex in ring {
+            let mut at = face.surface.parameters(points.positions[vertex as usize]);
+            if let Some(last) = corners.last() {
+                at = after(last.at, at);
+            }
+            corners.push(Corner { vertex, at });
+        }
+        let (first, last) = (corners[0].at, corners[corners.len() - 1].at);
+        let close = after(last, first);
+        windings.push([0, 1].map(|k| match has_period[k] {
+            true => ((close[k] - first[k]) / TAU).round() as i32,
+            false => 0,
+        }));
+        loops.push(corners);
+    }
+    // Around the tube only: its angle takes the place of the angle around the axis.
+    let is_swapped = windings.iter().all(|w| w[0] == 0) && windings.iter().any(|w| w[1] != 0);
+    let mut steps = super::steps(&face.surface, loops[0][0].at);
+    if is_swapped {
+        steps.reverse();
+        for corner in loops.iter_mut().flatten() {
+            corner.at.reverse();
+        }
+    }
+    let of = |w: &[i32; 2]| w[usize::from(is_swapped)];
+    let unit_chart = Chart::Parameters {
+        surface: face.surface,
+        steps: [1.0; 2],
+        is_swapped,
+    };
+    let mut polygons = match windings.iter().filter(|w| of(w) != 0).count() {
+        0 => loops,
+        2 => {
+            let first = windings.iter().position(|w| of(w) == 1);
+            let second = windings.iter().position(|w| of(w) == -1);
+            let (Some(first), Some(second)) = (first, second) else {
+                return Err(Error::unsupported("two of its loops run around it the same way"));
+            };
+            if has_period[usize::from(!is_swapped)] {
+                // The face lies to the left of the first loop: the second is met next on that side.
+                let up = if face.outward == is_swapped { -1.0 } else { 1.0 };
+                let apart = up * (loops[second][0].at[1] - loops[first][0].at[1]);
+                let shift = up * (apart.rem_euclid(TAU) - apart);
+                for corner in &mut loops[second] {
+                    corner.at[1] += shift;
+                }
+            }
+            let joined = joined(&unit_chart, points, &loops, [first, second], steps, tolerance)?;
+            let others = loops
+                .into_iter()
+                .enumerate()
+                .filter(|(k, _)| *k != first && *k != second);
+            std::iter::once(joined).chain(others.map(|(_, l)| l)).collect()
+        }
+        n => {
+            return Err(Error::unsupported(format!(
+                "{n} of its loops run around it: needed none or two"
+            )));
+        }
+    };
+    let shifts = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k]);
+    if shifts.contains(&true) {
+        shift_into_outer(&mut polygons, shifts);
+    }
+    for corner in polygons.iter_mut().flatten() {
+        corner.at = [corner.at[0] * steps[0], corner.at[1] * steps[1]];
+    }
+    Ok(Domain {
+        polygons,
+        inner: Vec::new(),
+        chart: Chart::Parameters {
+            surface: face.surface,
+            steps,
+            is_swapped,
+        },
+    })
 }
 
 /// One polygon of two loops around an axis, along a bridge that crosses no loop.
 fn joined(
-    face: &Face,
+    chart: &Chart,
     points: &mut Points,
     loops: &[Vec<Corner>],
     [first, second]: [usize; 2],
@@ -141,7 +304,7 @@ fn joined(
         .map(|k| {
             let at = [0, 1].map(|c| from[c] + (to[c] - from[c]) * k as f64 / n as f64);
             Corner {
-                vertex: points.add(face.surface.point(at)),
+                vertex: points.add(chart.point(at)),
                 at,
             }
         })
@@ -176,8 +339,8 @@ fn segments_cross(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
     side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
 }
 
-/// Moves holes by whole turns into the largest polygon.
-fn shift_into_outer(polygons: &mut [Vec<Corner>]) {
+/// Moves holes by whole turns of the parameters that have them into the largest polygon.
+fn shift_into_outer(polygons: &mut [Vec<Corner>], has_turns: [bool; 2]) {
     let width = |p: &Vec<Corner>| {
         let (lo, hi) = p
             .iter()
@@ -188,13 +351,17 @@ fn shift_into_outer(polygons: &mut [Vec<Corner>]) {
         return;
     };
     let within = polygons[outer].clone();
+    let turns = has_turns.map(|has| if has { -2..=2 } else { 0..=0 });
+    let shifts: Vec<[f64; 2]> = turns[0]
+        .clone()
+        .flat_map(|i| turns[1].clone().map(move |j| [i, j].map(|k: i32| TAU * f64::from(k))))
+        .collect();
     for (_, hole) in polygons.iter_mut().enumerate().filter(|(k, _)| *k != outer) {
         let at = hole[0].at;
-        let turns = (-2..=2)
-            .map(|k| TAU * f64::from(k))
-            .find(|s| contains(&within, [at[0] + s, at[1]]));
+        let found = shifts.iter().find(|s| contains(&within, [at[0] + s[0], at[1] + s[1]]));
+        let [across, up] = found.copied().unwrap_or_default();
         for corner in hole.iter_mut() {
-            corner.at[0] += turns.unwrap_or(0.0);
+            corner.at = [corner.at[0] + across, corner.at[1] + up];
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Triangles between the polygons of a face.
 
 use super::Points;
-use super::domain::Domain;
+use super::domain::{Corner, Domain};
 use crate::brep::{Face, Surface};
 use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
@@ -32,7 +32,7 @@ type Triangles = ConstrainedDelaunayTriangulation<Placed>;
 /// The triangles of a face, oriented outwards.
 pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, tolerance: f64) -> Result<Vec<[u32; 3]>> {
     let mut made = bounded(domain)?;
-    let on_surface = |at: [f64; 2]| face.surface.point([at[0] / domain.steps[0], at[1] / domain.steps[1]]);
+    let on_surface = |at: [f64; 2]| domain.chart.point(at);
     if !matches!(face.surface, Surface::Plane { .. }) {
         for _ in 0..ROUNDS {
             let wanted = missing(&made, points, &on_surface, tolerance);
@@ -51,12 +51,13 @@ pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, toler
         }
     }
     let inside = inside(&made);
+    let is_left = face.outward != domain.chart.is_mirrored();
     Ok(made
         .inner_faces()
         .filter(|f| inside[f.fix().index()])
         .map(|f| {
             let [a, b, c] = f.vertices().map(|v| v.data().vertex);
-            if face.outward { [a, b, c] } else { [a, c, b] }
+            if is_left { [a, b, c] } else { [a, c, b] }
         })
         .collect())
 }
@@ -90,6 +91,9 @@ fn bounded(domain: &Domain) -> Result<Triangles> {
             }
             made.add_constraint(a, b);
         }
+    }
+    for Corner { vertex, at } in domain.inner.iter().copied() {
+        made.insert(Placed { at, vertex }).map_err(refused)?;
     }
     Ok(made)
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::brep::{Face, Surface};
 use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, solve};
 use std::f64::consts::TAU;
 
@@ -36,7 +37,9 @@ fn solved(views: [Vec<DrawnCurve>; 3]) -> Solid {
     let drawing = Drawing {
         views: views.map(|(kind, curves)| View { kind, curves }).collect(),
     };
-    solve(&drawing).unwrap().solutions.remove(0).solid
+    let found = solve(&drawing).unwrap();
+    assert!(!found.solutions.is_empty(), "{found:?}");
+    found.solutions[0].solid.clone()
 }
 
 /// A box of 40 × 30 × 20 with a hole of diameter 12 from top to bottom.
@@ -146,5 +149,131 @@ fn a_face_that_is_missing_leaves_it_open() {
 fn a_tolerance_of_nothing_is_refused() {
     for tolerance in [0.0, -1.0, f64::NAN] {
         assert!(tessellate(&box_with_hole(), tolerance).is_err());
+    }
+}
+
+/// The front and side view, and the top view, of a turned part.
+fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Solid {
+    solved([across.clone(), top, across])
+}
+
+fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> DrawnCurve {
+    let curve = Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    };
+    drawn(curve, LineStyle::Visible)
+}
+
+fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+    drawn(Curve2::Segment(a, b), LineStyle::Visible)
+}
+
+/// The half y > 0 of a cone of radius 10 and height 30: its straight edges end at the tip.
+fn half_a_cone() -> Solid {
+    let tip = [0.0, 0.0, 30.0];
+    let [right, left] = [[10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]];
+    let line = |from: [f64; 3], to: [f64; 3], ends: [usize; 2]| {
+        let span = planish_estimate::vector3::sub(to, from);
+        let length = planish_estimate::vector3::norm(span);
+        Edge {
+            curve: Curve::Line {
+                origin: from,
+                direction: span.map(|c| c / length),
+            },
+            range: [0.0, length],
+            start: ends[0],
+            end: ends[1],
+        }
+    };
+    let arc = Edge {
+        curve: Curve::Ellipse {
+            center: [0.0; 3],
+            a: right,
+            b: [0.0, 10.0, 0.0],
+        },
+        range: [0.0, std::f64::consts::PI],
+        start: 1,
+        end: 2,
+    };
+    let face = |surface: Surface, ring: &[(usize, bool)]| Face {
+        surface,
+        outward: true,
+        loops: vec![ring.iter().map(|&(edge, forward)| Coedge { edge, forward }).collect()],
+    };
+    let plane = |normal: [f64; 3]| Surface::Plane {
+        origin: [0.0; 3],
+        normal,
+        x: [1.0, 0.0, 0.0],
+    };
+    let cone = Surface::Cone {
+        origin: [0.0; 3],
+        axis: [0.0, 0.0, -1.0],
+        x: [1.0, 0.0, 0.0],
+        radius: 10.0,
+        half_angle_rad: (1.0_f64 / 3.0).atan(),
+    };
+    let solid = Solid {
+        vertices: vec![tip, right, left],
+        edges: vec![
+            arc,
+            line(left, right, [2, 1]),
+            line(right, tip, [1, 0]),
+            line(left, tip, [2, 0]),
+        ],
+        faces: vec![
+            face(plane([0.0, 0.0, -1.0]), &[(0, false), (1, false)]),
+            face(plane([0.0, -1.0, 0.0]), &[(1, true), (2, true), (3, false)]),
+            face(cone, &[(0, true), (3, true), (2, false)]),
+        ],
+    };
+    solid.check(1e-9).unwrap();
+    solid
+}
+
+/// Poles of a sphere and tips of cones within a face, on its border, and faces without a border: all close, and hold what the solid holds.
+#[test]
+fn faces_over_poles_and_tips_close() {
+    use std::f64::consts::{FRAC_PI_2, PI};
+    let disc = || vec![circle([0.0, 0.0], 10.0)];
+    let dome = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
+    let tip = |up: f64| vec![line([-10.0, 0.0], [0.0, up]), line([0.0, up], [10.0, 0.0])];
+    let mut cone = tip(30.0);
+    cone.push(line([-10.0, 0.0], [10.0, 0.0]));
+    let mut bicone = tip(30.0);
+    bicone.extend(tip(-5.0));
+    bicone.push(line([-10.0, 0.0], [10.0, 0.0]));
+    // Edges of a quarter of a ball end at the pole.
+    let half_disc = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
+    let quarter_side = vec![
+        arc([0.0, 0.0], 10.0, 0.0, FRAC_PI_2),
+        line([0.0, 0.0], [10.0, 0.0]),
+        line([0.0, 0.0], [0.0, 10.0]),
+    ];
+    let solids = [
+        ("dome", turned(dome(), disc()), 2000.0 / 3.0 * PI),
+        ("ball", turned(disc(), disc()), 4000.0 / 3.0 * PI),
+        ("cone", turned(cone, disc()), 1000.0 * PI),
+        ("double cone", turned(bicone, disc()), 3500.0 / 3.0 * PI),
+        (
+            "quarter of a ball",
+            solved([dome(), half_disc(), quarter_side]),
+            1000.0 / 3.0 * PI,
+        ),
+        ("half a cone", half_a_cone(), 500.0 * PI),
+    ];
+    for (name, solid, volume) in solids {
+        let mut last = f64::MAX;
+        for tolerance in [0.1, 0.01] {
+            let mesh = tessellate(&solid, tolerance).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let found = mesh.check();
+            assert!(found.watertight && found.oriented && found.manifold, "{name}");
+            assert_eq!(found.euler_characteristic, 2, "{name}");
+            let off = (mesh.signed_volume().unwrap() - volume).abs();
+            assert!(off < tolerance * solid.measures().area && off < last, "{name}: {off}");
+            last = off;
+        }
     }
 }

@@ -409,6 +409,7 @@ impl Maker<'_> {
 
     fn make_faces(&mut self) -> Result<()> {
         let coedges = std::mem::take(&mut self.coedges);
+        let edged: BTreeSet<usize> = coedges.keys().map(|key| key.0).collect();
         for ((index, outward), uses) in coedges {
             let surface = self.surfaces[index].surface();
             let loops = self.loops(&surface, outward, uses)?;
@@ -426,7 +427,35 @@ impl Maker<'_> {
                 });
             }
         }
+        self.add_whole_faces(&edged);
         Ok(())
+    }
+
+    /// Adds the spheres and tori that bound the solid all over: no edge lies on them.
+    fn add_whole_faces(&mut self, edged: &BTreeSet<usize>) {
+        const PLACES: usize = 12;
+        let step = 1e-5 * self.cells.plan.size;
+        for index in (0..self.surfaces.len()).filter(|k| !edged.contains(k)) {
+            let surface = self.surfaces[index].surface();
+            let height = match surface {
+                Surface::Sphere { .. } => PI,
+                Surface::Torus { .. } => TAU,
+                _ => continue,
+            };
+            let share = |k: usize| (k as f64 + 0.37) / PLACES as f64;
+            let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| [i, j]));
+            let mut states = places.map(|[i, j]| {
+                let p = surface.point([TAU * share(i), height * (share(j) - 0.5)]);
+                let n = surface.normal(p);
+                [-step, step].map(|s| self.is_solid(along(p, s, n)))
+            });
+            let Some(first) = states.next().filter(|s| s[0] != s[1]) else {
+                continue;
+            };
+            if states.all(|s| s == first) {
+                self.solid.add_whole(surface, first[0]);
+            }
+        }
     }
 
     /// Chains coedges: where several go on from a vertex, the one that leaves the narrowest corner of face.

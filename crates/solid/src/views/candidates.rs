@@ -188,6 +188,17 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
     let circles = |at: Vec<[f64; 2]>| Some(at.into_iter().filter_map(|p| circle(wall, p)).collect());
     match (other, other.surface()) {
         (Candidate::Wall(Wall::Turned(second)), _) => {
+            // A sphere is turned about any line through its centre.
+            let [turned, other_turned] = [
+                sphere_about(wall, second, tolerance),
+                sphere_about(second, wall, tolerance),
+            ];
+            let wall = turned.as_ref().unwrap_or(wall);
+            let second = if turned.is_some() {
+                second
+            } else {
+                other_turned.as_ref().unwrap_or(second)
+            };
             let coaxial = second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {
                 true => circles(meet(&wall.profile, &second.profile, tolerance)),
@@ -201,6 +212,9 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
                 origin, axis, radius, ..
             },
         ) => {
+            if wall.is_sphere() {
+                return sphere_and_cylinder(wall, origin, axis, radius, tolerance);
+            }
             let ends = across(wall.axis);
             let coaxial = axis[wall.axis].abs() > 1.0 - 1e-12
                 && (0..2).all(|k| (origin[ends[k]] - wall.center[k]).abs() < tolerance);
@@ -225,6 +239,48 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
         }
         _ => None,
     }
+}
+
+/// A sphere as turned about the axis of another wall, where that passes through its centre; none of other walls.
+fn sphere_about(wall: &Turned, other: &Turned, tolerance: f64) -> Option<Turned> {
+    let (center, radius) = wall.is_sphere().then(|| sphere_of(wall))?;
+    let at = other.on_profile(center);
+    (at[0] < tolerance && !other.is_sphere()).then(|| Turned {
+        axis: other.axis,
+        center: other.center,
+        profile: Profile::Circle {
+            center: [0.0, at[1]],
+            radius,
+        },
+        extents: wall.extents.clone(),
+    })
+}
+
+/// The circles in which a sphere meets a cylinder whose axis passes through its centre, one where they touch; none where it passes elsewhere.
+fn sphere_and_cylinder(
+    wall: &Turned,
+    origin: [f64; 3],
+    axis: [f64; 3],
+    radius: f64,
+    tolerance: f64,
+) -> Option<Vec<Curve3>> {
+    let (center, of_sphere) = sphere_of(wall);
+    let from = sub(center, origin);
+    if norm(along(from, -dot(from, axis), axis)) > tolerance {
+        return None;
+    }
+    let heights = match of_sphere - radius {
+        less if less.abs() <= tolerance => vec![0.0],
+        less if less > 0.0 => {
+            let height = (of_sphere * of_sphere - radius * radius).sqrt();
+            vec![-height, height]
+        }
+        _ => Vec::new(),
+    };
+    let circles = heights
+        .into_iter()
+        .flat_map(|h| sphere_and_plane(wall, along(center, h, axis), axis, tolerance));
+    Some(circles.collect())
 }
 
 fn sphere_of(wall: &Turned) -> ([f64; 3], f64) {

@@ -20,6 +20,8 @@ pub(crate) struct Cells<'a> {
     parent: Vec<u32>,
     /// Cells thicker somewhere than rounding, where there are walls.
     thick: HashSet<u32>,
+    /// Cells in boxes with walls of which no point was found that lies away from everything that cuts the box.
+    slivers: HashSet<u32>,
 }
 
 /// Whether a plan's grid has more boxes than are looked at.
@@ -62,6 +64,7 @@ impl<'a> Cells<'a> {
             first,
             parent: (0..total as u32).collect(),
             thick: HashSet::new(),
+            slivers: HashSet::new(),
         };
         for axis in 0..3 {
             cells.join_across(axis);
@@ -79,11 +82,19 @@ impl<'a> Cells<'a> {
         let plan = self.plan;
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         let mut thick = HashSet::new();
+        let (mut walled, mut real) = (HashSet::new(), HashSet::new());
         for place in 0..n[0] * n[1] * n[2] {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
+            let last = self
+                .first
+                .get(place + 1)
+                .map_or(self.parent.len(), |next| *next as usize);
+            let roots = self.parent[self.first[place] as usize..last].iter().copied();
             if plan.walls_in(cell).is_empty() {
+                real.extend(roots);
                 continue;
             }
+            walled.extend(roots);
             let (lo, hi) = plan.bounds(cell);
             for along in 0..3 {
                 let [a, b] = [(along + 1) % 3, (along + 2) % 3];
@@ -97,13 +108,30 @@ impl<'a> Cells<'a> {
                         cuts.sort_by(f64::total_cmp);
                         for pair in cuts.windows(2).filter(|c| c[1] - c[0] > 10.0 * plan.tolerance) {
                             p[along] = (pair[0] + pair[1]) / 2.0;
-                            thick.insert(self.at_in(cell, p));
+                            let of = self.at_in(cell, p);
+                            thick.insert(of);
+                            if !real.contains(&of) && self.has_room(cell, p) {
+                                real.insert(of);
+                            }
                         }
                     }
                 }
             }
         }
+        self.slivers = walled.difference(&real).copied().collect();
         self.thick = thick;
+    }
+
+    /// Whether nothing that cuts a box passes near a point of it, in any direction.
+    fn has_room(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
+        let room = 10.0 * self.plan.tolerance;
+        let (lo, hi) = self.plan.bounds(cell);
+        (0..3).all(|a| p[a] > lo[a] + room && p[a] < hi[a] - room) && !self.is_near_cut(cell, p, room)
+    }
+
+    /// Whether nothing was found of a cell but slivers, which rounding leaves where walls and surfaces drawn out mean one curve.
+    pub(crate) fn is_sliver_only(&self, of: u32) -> bool {
+        self.slivers.contains(&of)
     }
 
     /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out mean one curve, rounding leaves such between them.
@@ -208,7 +236,11 @@ impl<'a> Cells<'a> {
 
     /// Whether a point lies so near a piece of its box that rounding may put it on either side.
     fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
-        let near = 0.1 * self.plan.tolerance;
+        self.is_near_cut(cell, p, 0.1 * self.plan.tolerance)
+    }
+
+    /// Whether a piece or a wall of a box passes so near a point of it.
+    fn is_near_cut(&self, cell: [usize; 3], p: [f64; 3], near: f64) -> bool {
         let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let q = [p[axes[0]], p[axes[1]]];

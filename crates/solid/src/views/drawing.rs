@@ -189,6 +189,31 @@ impl Drawing {
         bounds
     }
 
+    /// The drawing with all lengths times a factor.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let at = |p: &[f64; 2]| p.map(|c| factor * c);
+        let curve = |curve: &Curve2| match curve {
+            Curve2::Segment(a, b) => Curve2::Segment(at(a), at(b)),
+            Curve2::Arc {
+                center,
+                radius,
+                start,
+                sweep,
+            } => Curve2::Arc {
+                center: at(center),
+                radius: factor * radius,
+                start: *start,
+                sweep: *sweep,
+            },
+            Curve2::Chain(points) => Curve2::Chain(points.iter().map(at).collect()),
+        };
+        let mut scaled = self.clone();
+        for drawn in scaled.views.iter_mut().flat_map(|v| &mut v.curves) {
+            drawn.curve = curve(&drawn.curve);
+        }
+        scaled
+    }
+
     /// The larger side of the box around everything that is drawn.
     #[must_use]
     pub fn size(&self) -> f64 {

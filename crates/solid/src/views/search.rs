@@ -7,15 +7,13 @@ use super::cells::Cells;
 use super::drawing::LineStyle;
 use super::sight::{Group, Look, LookPlace, Looks};
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Which cells are solid.
 pub(crate) type Assignment = BTreeMap<u32, bool>;
 
 /// What the search found.
 pub(crate) struct Found {
-    /// Different assignments.
-    pub(crate) assignments: Vec<Assignment>,
     /// Whether there are no others.
     pub(crate) complete: bool,
     /// Places that no solid explains.
@@ -204,8 +202,14 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
-/// Searches for assignments, at most so many.
-pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
+/// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states make no difference: assignments that differ
+/// from a later one in these only are not searched for.
+pub(crate) fn search(
+    cells: &Cells,
+    looks: &Looks,
+    most: usize,
+    mut accept: impl FnMut(&Assignment) -> Vec<u32>,
+) -> Found {
     let outside = cells.at_in(
         [0, 0, 0],
         [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
@@ -230,7 +234,6 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
             .min_by_key(|&s| places(switches[s].1))
         else {
             return Found {
-                assignments: Vec::new(),
                 complete: true,
                 unexplained,
             };
@@ -240,23 +243,34 @@ pub(crate) fn search(cells: &Cells, looks: &Looks, most: usize) -> Found {
         unexplained.push((look.style, places[0].clone()));
     }
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
-    let mut assignments = Vec::new();
+    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
+    if !unexplained.is_empty() {
+        return Found {
+            complete: true,
+            unexplained,
+        };
+    }
+    let mut indifferent: HashSet<u32> = HashSet::new();
+    let mut count = 0;
     loop {
+        count += 1;
         let assignment = encoder.assignment();
+        indifferent.extend(accept(&assignment));
         let block: Vec<Lit> = assignment
             .iter()
+            .filter(|(cell, _)| !indifferent.contains(cell))
             .map(|(cell, solid)| {
                 let literal = Lit::new(encoder.cells[cell], true);
                 if *solid { !literal } else { literal }
             })
             .collect();
-        assignments.push(assignment);
-        encoder.clause(block);
-        let goes_on = assignments.len() < most;
+        let goes_on = count < most && !block.is_empty();
+        if !block.is_empty() {
+            encoder.clause(block);
+        }
         if !goes_on || encoder.solver.solve_limited(&on) != lbool::TRUE {
             return Found {
-                assignments,
-                complete: goes_on,
+                complete: count < most,
                 unexplained,
             };
         }

@@ -5,14 +5,14 @@ use super::*;
 use crate::reprojection::{CompareOptions, disagreements};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
+pub(super) fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
     Drawing {
         views: views.into_iter().map(|(kind, curves)| View { kind, curves }).collect(),
     }
 }
 
 /// The same curves in front and side view, as turned parts have them.
-fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Drawing {
+pub(super) fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Drawing {
     drawing(vec![
         (ViewKind::Front, across.clone()),
         (ViewKind::Top, top),
@@ -20,12 +20,12 @@ fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Drawing {
     ])
 }
 
-fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
+pub(super) fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
     segment(a, b, LineStyle::Visible)
 }
 
 /// The only solid of a drawing, checked.
-fn only(drawing: &Drawing) -> Solution {
+pub(super) fn only(drawing: &Drawing) -> Solution {
     let found = solve(drawing).unwrap();
     assert_eq!(
         (found.solutions.len(), found.complete),
@@ -40,7 +40,7 @@ fn only(drawing: &Drawing) -> Solution {
     solution
 }
 
-fn assert_near(found: f64, truth: f64, within: f64) {
+pub(super) fn assert_near(found: f64, truth: f64, within: f64) {
     assert!(
         (found - truth).abs() < within * truth.abs().max(1.0),
         "{found} is not {truth}"

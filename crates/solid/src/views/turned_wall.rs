@@ -46,13 +46,19 @@ impl Turned {
         let at = self.on_profile(p);
         match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => self.profile.value(at),
-            (_, Profile::Circle { center, radius }) => {
-                let other = (side == Side::Inner) == (at[0] > center[0]);
-                match other {
-                    true => (at[1] - center[1]).abs() - radius,
-                    false => self.profile.value(at),
-                }
-            }
+            (_, Profile::Circle { center, radius }) => match self.is_meant(side, p) {
+                true => self.profile.value(at),
+                false => (at[1] - center[1]).abs() - radius,
+            },
+        }
+    }
+
+    /// Whether a point lies beside the half of a tube that is meant.
+    pub(crate) fn is_meant(&self, side: Side, p: [f64; 3]) -> bool {
+        let at = self.on_profile(p);
+        match (side, &self.profile) {
+            (Side::Both, _) | (_, Profile::Line { .. }) => true,
+            (_, Profile::Circle { center, .. }) => (side == Side::Inner) != (at[0] > center[0]),
         }
     }
 

@@ -73,10 +73,10 @@ impl Wall {
         }
     }
 
-    /// Whether a point lies so near to the wall; where an oblique one goes on level beyond its sector, it is no surface of the solid.
+    /// Whether a point lies so near to the wall; where it goes on level beyond half a tube or the sector of an oblique one, it is no surface of the solid.
     pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
         match self {
-            Self::Turned(wall) => wall.value_of(side, p).abs() < near,
+            Self::Turned(wall) => wall.is_meant(side, p) && wall.value(p).abs() < near,
             Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
         }
     }

@@ -1,0 +1,94 @@
+//! What the default estimator is for: no bias where the noise is a good part of the radius, and no loss to wild readings.
+
+use super::*;
+
+/// A sensor six radii away: the noise across its rays is a fifth of the radius.
+const FAR: SensorOptions = SensorOptions {
+    standoff: 6.0,
+    sigma: [0.04, 0.04, 0.035, 0.0],
+    sigma_range_share: 0.01,
+    sweep: 1,
+    outlier_share: 0.0,
+    velocity: [0.0; 3],
+    rate_hz: 100.0,
+};
+
+/// The mean error of a parameter over its stated standard deviation.
+fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs: u64) -> f64 {
+    let options = FitOptions {
+        method,
+        ..FitOptions::default()
+    };
+    let one = |run: u64| {
+        let made = ranges(kind, theta, [theta[0], theta[1]], 100, &FAR, run);
+        let found = fit(kind, &made.noisy, &options).expect("a fit");
+        let (state, from) = kind.canonical(found.state.as_slice());
+        let k = from[parameter].0;
+        (state[parameter] - theta[parameter]) / found.covariance[(k, k)].sqrt()
+    };
+    (0..runs).map(one).sum::<f64>() / runs as f64
+}
+
+#[test]
+fn a_circle_is_not_too_large_by_default() {
+    let circle = [0.1, -0.2, 1.0];
+    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 200);
+    let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
+    // The mean of 200 runs is known to 0.07.
+    assert!(default.abs() < 0.35, "{default}");
+    assert!(batch > default.abs(), "{batch} {default}");
+}
+
+#[test]
+fn an_ellipse_is_not_too_long_by_default() {
+    let ellipse = [0.1, -0.2, 1.0, 0.6, 0.5];
+    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 100);
+    let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
+    assert!(default.abs() < 0.5, "{default}");
+    assert!(batch > default.abs(), "{batch} {default}");
+}
+
+#[test]
+fn wild_readings_do_not_pull_a_circle_away() {
+    let circle = [0.1, -0.2, 1.0];
+    let sensor = SensorOptions {
+        outlier_share: 0.17,
+        ..FAR
+    };
+    for run in 0..60 {
+        let made = ranges(&Kind::Circle, &circle, [0.1, -0.2], 100, &sensor, run);
+        let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
+        for (k, truth) in circle.iter().enumerate() {
+            let off = (found.state[k] - truth).abs();
+            assert!(off < 0.12, "run {run}, parameter {k}: off by {off}");
+        }
+    }
+}
+
+#[test]
+fn too_few_readings_for_any_kind_are_told_what_the_simplest_needs() {
+    let one = points(&Kind::Circle, &[0.0, 0.0, 1.0], 1, 0.01, 1).noisy;
+    let e = choose(&auto_kinds(), true, &one, &FitOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        e.starts_with("1 reading ") && e.contains("a line, needs at least 2"),
+        "{e}"
+    );
+}
+
+/// With so much noise, two σ beside every corner are most of each side: what is left agrees with a hexagon turned by half a side.
+#[test]
+fn a_hexagon_is_not_turned_by_leaving_out_its_corners() {
+    let hexagon = [0.1, -0.2, 1.0, 0.2];
+    let kind = Kind::RegularPolygon(6);
+    for run in 0..12 {
+        let made = ranges(&kind, &hexagon, [0.1, -0.2], 300, &FAR, run);
+        let found = fit(&kind, &made.noisy, &FitOptions::default()).expect("a fit");
+        let sector = std::f64::consts::TAU / 6.0;
+        let turn = found.state[3] - hexagon[3];
+        let turn = turn - sector * (turn / sector).round();
+        assert!(turn.abs() < 0.17, "run {run}: turned by {turn}");
+        assert!((found.state[2] - 1.0).abs() < 0.06, "run {run}: {}", found.state[2]);
+    }
+}
