@@ -6,7 +6,7 @@
 use planish::progress::Silent;
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
 use planish_estimate::vector3::{distance, norm};
-use planish_exchange::mesh::read_mesh;
+use planish_exchange::mesh::{PolygonMesh, read_mesh};
 use planish_exchange::textured::read_textured;
 use planish_mesh::icosphere;
 use std::fmt::Write;
@@ -95,9 +95,13 @@ fn texture_and_its_coordinates_are_kept() {
     let glb = std::fs::read(&job.outputs[1]).unwrap();
     let has = |what: &[u8]| glb.windows(what.len()).any(|bytes| bytes == what);
     assert!(has(PICTURE) && has(b"TEXCOORD_0"));
-    // It is in metres.
-    let in_metres = read_mesh(&job.outputs[1]).unwrap().points;
-    let points: Vec<[f64; 3]> = in_metres.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
+    // It is in metres, split at no seam as there is none, and says what the PLY says of σ.
+    let in_metres = read_mesh(&job.outputs[1]).unwrap();
+    let stated = read_mesh(&job.outputs[2]).unwrap();
+    let sigma = |mesh: &PolygonMesh| mesh.column("sigma").unwrap().iter().sum::<f64>();
+    assert!((1000.0 * sigma(&in_metres) / sigma(&stated) - 1.0).abs() < 1e-6);
+    assert_eq!(in_metres.column("observed"), stated.column("observed"));
+    let points: Vec<[f64; 3]> = in_metres.points.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
     assert!(off(&points) < 0.1, "{}", off(&points));
     let ply = std::fs::read(&job.outputs[2]).unwrap();
     assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));

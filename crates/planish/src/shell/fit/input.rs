@@ -361,23 +361,26 @@ fn turned(pose: &planish_sense::Pose, [xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f6
 
 fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>>> {
     (views.views.par_iter())
-        .map(|view| {
-            let Some(path) = &view.mask else { return Ok(None) };
-            let options = SilhouetteOptions {
-                threshold: view.mask_threshold,
-                least_share: view
-                    .mask_least_share
-                    .unwrap_or(SilhouetteOptions::default().least_share),
-                sigma_px: view.sigma_px,
-                apart_px: job.outline_step_px,
-                ..SilhouetteOptions::default()
-            };
-            let picture = read_brightness(path)?;
-            silhouette(&picture, &options)
-                .map(Some)
-                .map_err(|e| e.in_context(path.display()))
-        })
+        .map(|view| read_mask(view, job.outline_step_px))
         .collect()
+}
+
+/// The mask of a view, where it has one; places on its border at least so far apart.
+pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Option<Silhouette>> {
+    let Some(path) = &view.mask else { return Ok(None) };
+    let options = SilhouetteOptions {
+        threshold: view.mask_threshold,
+        least_share: view
+            .mask_least_share
+            .unwrap_or(SilhouetteOptions::default().least_share),
+        sigma_px: view.sigma_px,
+        apart_px,
+        ..SilhouetteOptions::default()
+    };
+    let picture = read_brightness(path)?;
+    silhouette(&picture, &options)
+        .map(Some)
+        .map_err(|e| e.in_context(path.display()))
 }
 
 fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {
