@@ -114,9 +114,10 @@ fn text(report: &ShellTextureReport) -> String {
     let rows: Vec<Vec<String>> = (report.views.iter())
         .map(|view| {
             vec![
-                match view.held_out {
-                    true => format!("{} (held out)", view.view),
-                    false => view.view.clone(),
+                match (view.held_out, view.left_out) {
+                    (true, _) => format!("{} (held out)", view.view),
+                    (_, true) => format!("{} (left out)", view.view),
+                    _ => view.view.clone(),
                 },
                 count(view.seen),
                 match view.held_out {
@@ -131,7 +132,7 @@ fn text(report: &ShellTextureReport) -> String {
         &[
             ("view", Align::Left),
             ("vertices seen", Align::Right),
-            ("left out", Align::Right),
+            ("differs", Align::Right),
             ("rms of 255", Align::Right),
         ],
         &rows,

@@ -34,8 +34,8 @@ use view::ColourView;
 const USUAL_SIDES: [usize; 2] = [256, 4096];
 /// The largest side of a texture.
 pub const LARGEST_TEXTURE: usize = 8192;
-/// A view that differs at more than this share of what it sees is odd, and named.
-const ODD_VIEW: f64 = 0.3;
+/// A view that differs at more than this share of what others see as well is left out.
+const ODD_VIEW: f64 = 0.5;
 
 /// Where colours go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -77,6 +77,8 @@ pub struct ColourViewReport {
     pub seen: usize,
     /// Those where it differs too much from other views to take part.
     pub odd: usize,
+    /// Whether it differs so often that it took no part at all.
+    pub left_out: bool,
     /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the pixels of the mesh away from its outlines.
     pub rms: Option<f64>,
 }
@@ -196,10 +198,10 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     let views: Vec<ColourView> = (pictured.par_iter())
         .map(|view| colour_view(view, &mesh, size))
         .collect::<Result<_>>()?;
-    let asked: Vec<usize> = (0..views.len()).filter(|k| !pictured[*k].held_out).collect();
+    let mut asked: Vec<usize> = (0..views.len()).filter(|k| !pictured[*k].held_out).collect();
     progress.check("blending", 0.5)?;
     let normals = mesh.vertex_normals();
-    let look = |at: [f64; 3], normal: [f64; 3]| -> Vec<Saying> {
+    let look = |asked: &[usize], at: [f64; 3], normal: [f64; 3]| -> Vec<Saying> {
         let say = |k: &usize| {
             views[*k].glimpse(at, normal, two_sided).map(|found| Saying {
                 view: *k,
@@ -209,11 +211,29 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
         };
         asked.iter().filter_map(say).collect()
     };
-    let said: Vec<Vec<Saying>> = (mesh.positions.par_iter().zip(&normals))
-        .map(|(at, normal)| look(*at, *normal))
+    let ask = |asked: &[usize]| {
+        let said: Vec<Vec<Saying>> = (mesh.positions.par_iter().zip(&normals))
+            .map(|(at, normal)| look(asked, *at, *normal))
+            .collect();
+        let sigma = blend::scale(said.iter().map(|s| &s[..]));
+        let blended: Vec<Option<Blended>> = said.par_iter().map(|s| blend::blend(s, sigma)).collect();
+        (said, sigma, blended)
+    };
+    let (mut said, mut colour_sigma, mut blended) = ask(&asked);
+    // What each view sees, and where it is odd, before any is left out.
+    let counted: Vec<[usize; 2]> = (0..views.len())
+        .map(|k| {
+            let seen = said.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
+            [seen, blended.iter().flatten().filter(|b| b.odd.contains(&k)).count()]
+        })
         .collect();
-    let colour_sigma = blend::scale(said.iter().map(|s| &s[..]));
-    let blended: Vec<Option<Blended>> = said.par_iter().map(|s| blend::blend(s, colour_sigma)).collect();
+    let odd = blend::odd_shares(views.len(), &said, &blended);
+    let all_asked = asked.len();
+    asked.retain(|k| odd[*k] <= ODD_VIEW);
+    if asked.len() < all_asked {
+        (said, colour_sigma, blended) = ask(&asked);
+    }
+    drop(said);
     let seen = blended.iter().flatten().count();
     if seen == 0 {
         return Err(Error::undetermined(format!(
@@ -238,7 +258,7 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
         false => None,
         true => {
             progress.check("painting", 0.6)?;
-            let of = |at, normal| blend::blend(&look(at, normal), colour_sigma).map(|b| b.colour);
+            let of = |at, normal| blend::blend(&look(&asked, at, normal), colour_sigma).map(|b| b.colour);
             let chosen: Vec<&ColourView> = asked.iter().map(|k| &views[*k]).collect();
             Some(paint(
                 job,
@@ -255,9 +275,8 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     progress.check("judging", 0.8)?;
     let reports: Vec<ColourViewReport> = (views.iter().enumerate())
         .map(|(k, view)| {
-            let odd = blended.iter().flatten().filter(|b| b.odd.contains(&k)).count();
             let sees = match pictured[k].held_out {
-                false => said.iter().filter(|s| s.iter().any(|one| one.view == k)).count(),
+                false => counted[k][0],
                 true => (mesh.positions.par_iter().zip(&normals))
                     .filter(|(at, normal)| view.glimpse(**at, **normal, two_sided).is_some())
                     .count(),
@@ -266,7 +285,8 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
                 view: pictured[k].name.clone(),
                 held_out: pictured[k].held_out,
                 seen: sees,
-                odd,
+                odd: counted[k][1],
+                left_out: odd[k] > ODD_VIEW,
                 rms: view.difference(&mesh, |triangle, weights| match &texture {
                     Some(texture) => texture.at(triangle, weights),
                     None => at_place(&mesh, &coloured.colours, triangle, weights),
@@ -274,9 +294,9 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
             }
         })
         .collect();
-    for view in reports.iter().filter(|v| v.odd as f64 > ODD_VIEW * v.seen as f64) {
+    for view in reports.iter().filter(|view| view.left_out) {
         warnings.push(format!(
-            "view `{}` differs from the others at {} of the {} vertices that it sees: its picture or its camera may be another's",
+            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its picture or its camera may be another's",
             view.view, view.odd, view.seen
         ));
     }

@@ -1,6 +1,8 @@
 //! One colour of what several views say, robust against the odd one.
 //!
-//! The start is the view from which all others differ least (the medoid, by the roots of the weights, so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A. Beaton, J. Tukey 1974), iterated. Its scale is one for all places: how much views differ where three or more see a place.
+//! The start is the view from which all others differ least (the medoid, by the fourth roots of the weights, so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A. Beaton, J. Tukey 1974), iterated. Its scale is one for all places: how much views differ where three or more see a place.
+//!
+//! A view that is odd at most places where two others judge it is left out of all.
 //!
 //! Not guaranteed: of two views that differ, the one with the larger weight is right.
 
@@ -44,7 +46,7 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
 fn medoid(said: &[Saying]) -> Option<&Saying> {
     let cost = |one: &Saying| -> f64 {
         (said.iter())
-            .map(|other| other.weight.sqrt() * apart(one.colour, other.colour))
+            .map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour))
             .sum()
     };
     said.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
@@ -62,6 +64,19 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [Saying]>) -> f64 {
     differences.sort_unstable_by(f64::total_cmp);
     let median = differences.get(differences.len() / 2).copied().unwrap_or(0.0);
     (median / MEDIAN_OF_THREE).max(LEAST_SCALE)
+}
+
+/// The share of the places that three views or more see at which each view is odd.
+pub(super) fn odd_shares(views: usize, said: &[Vec<Saying>], blended: &[Option<Blended>]) -> Vec<f64> {
+    let mut counts = vec![(0_usize, 0_usize); views];
+    for (said, blended) in said.iter().zip(blended).filter(|(said, _)| said.len() > 2) {
+        said.iter().for_each(|one| counts[one.view].0 += 1);
+        (blended.iter().flat_map(|b| &b.odd)).for_each(|view| counts[*view].1 += 1);
+    }
+    counts
+        .iter()
+        .map(|(all, odd)| *odd as f64 / (*all).max(1) as f64)
+        .collect()
 }
 
 /// One colour; nothing of nothing.
