@@ -13,7 +13,7 @@ const EXAMPLES: &str = "\
 Examples:
   planish shell texture fitted.ply --views views.toml -o coloured.ply -o coloured.glb
   planish shell texture fitted.obj --views views.toml -o textured.obj -o textured.glb
-  planish shell texture fitted.ply --views views.toml --colours texture --texture-size 2048 -o textured.glb
+  planish shell texture fitted.ply --views v.toml --colours texture -o t.glb
 
 views.toml is that of `planish shell fit`: a table [[view]] for each picture with K, R and t or P, and image = \"a.png\"; a mask leaves out what is not the thing, and a view with held_out = true only judges.
 A view counts for a place as it sees it straight on and finely; what is hidden by the mesh itself, and what lies at an outline, gets no colour from it, and a view that differs from the others is left out. What no view sees is filled smoothly from what is around: \
