@@ -186,15 +186,15 @@ def simulate(planish, person, folder):
 def fits(planish, person, folder):
     for name, more in (("points", []), ("both", ["--silhouettes", folder / "views.toml"])):
         arguments = [planish, "shell", "fit", person, "--points", folder / "stereo.csv", "--rigid", "head", "--blend", "6.8"]
-        arguments += ["--controls", "60", "-o", folder / f"{name}.ply", "-o", folder / f"{name}.obj", "--json", *more]
+        arguments += ["--controls", "40", "-o", folder / f"{name}.ply", "-o", folder / f"{name}.obj", "--json", *more]
         said = subprocess.run(arguments, check=True, capture_output=True, text=True)
         (folder / f"{name}.json").write_text(said.stdout)
         print(name, "took %.1f s" % json.loads(said.stdout)["seconds"])
 
 
 def table(person, folder):
-    points, faces, groups = read_obj(folder / "truth.obj")
-    start = read_obj(person)[0]
+    points, faces, _ = read_obj(folder / "truth.obj")
+    start, _, groups = read_obj(person)
     random = np.random.default_rng(5)
     views = list(cameras(np.array([0.0, -10.0, 0.0])))
     drawn = [depths(points, faces, view)[0] for view in views]

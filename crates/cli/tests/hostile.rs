@@ -200,7 +200,7 @@ const INPUTS: &[(&str, &str, i32)] = &[
     (
         "A view of nothing",
         "shell fit ball.obj --silhouettes nothing.toml -o old.ply",
-        2,
+        1,
     ),
     (
         "Pictures of somewhere else",
