@@ -144,3 +144,33 @@ fn rigid_parts_keep_their_lengths() {
         "{message}"
     );
 }
+
+/// An eye in the rigid head hangs together with nothing and is near no point: no control is spent on it, and none is left that nothing determines.
+#[test]
+fn loose_parts_of_what_is_rigid_need_no_readings() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = ShellFitJob {
+        rigid: vec!["cap".to_owned()],
+        blend: Some(4.0),
+        ..job(folder.path(), &["fitted.obj"])
+    };
+    let mut text = std::fs::read_to_string(&job.mesh).unwrap();
+    let first = icosphere(10.0, 3).positions.len() as u32 + 1;
+    let eye = icosphere(0.5, 1);
+    for [x, y, z] in &eye.positions {
+        writeln!(text, "v {x:?} {y:?} {:?}", z + 5.0).unwrap();
+    }
+    writeln!(text, "o cap").unwrap();
+    for t in eye.triangles.iter().map(|t| t.map(|v| v + first)) {
+        writeln!(text, "f {} {} {}", t[0], t[1], t[2]).unwrap();
+    }
+    std::fs::write(&job.mesh, text).unwrap();
+    let report = shell_fit_files(&job, &Silent).unwrap();
+    assert_eq!(report.controls, 20);
+    let found = read_textured(&job.outputs[0]).unwrap();
+    assert!(
+        off(&found.points[..first as usize - 1]) < 0.35,
+        "{}",
+        off(&found.points[..first as usize - 1])
+    );
+}
