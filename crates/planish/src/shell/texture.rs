@@ -335,18 +335,18 @@ fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<Colour
     let picture = read_picture(path)?;
     // Places on the border are not asked for.
     let mask = read_mask(view, 10.0)?;
-    if let Some(mask) = &mask {
-        if (mask.columns, mask.rows) != (picture.columns, picture.rows) {
-            return Err(Error::input(format!(
-                "view `{}`: its picture {} has {} × {} pixels, and its mask {} × {}: needed the same",
-                view.name,
-                path.display(),
-                picture.columns,
-                picture.rows,
-                mask.columns,
-                mask.rows
-            )));
-        }
+    if let Some(mask) = &mask
+        && (mask.columns, mask.rows) != (picture.columns, picture.rows)
+    {
+        return Err(Error::input(format!(
+            "view `{}`: its picture {} has {} × {} pixels, and its mask {} × {}: needed the same",
+            view.name,
+            path.display(),
+            picture.columns,
+            picture.rows,
+            mask.columns,
+            mask.rows
+        )));
     }
     let mask = mask.as_ref().map(|mask| &mask.mask[..]);
     Ok(ColourView::new(view.camera, &picture, mask, mesh, size))
