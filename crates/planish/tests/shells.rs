@@ -133,7 +133,8 @@ fn rigid_parts_keep_their_lengths() {
     assert!(stretched(&[]) > 0.03);
     let stays = stretched(&["cap"]);
     // Turns are linear, and lengths grow by half the square of the angle: a ball does not tell how its cap is turned.
-    assert!(stays < 5e-3, "{stays}");
+    // How far it turns depends on where controls stand: 0.7 % is a turn of 0.12.
+    assert!(stays < 0.01, "{stays}");
     let unknown = ShellFitJob {
         rigid: vec!["hat".to_owned()],
         ..job(folder.path(), &[])
