@@ -59,6 +59,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "mtl",      file: "a.mtl",     valid: valid::mtls,       words: MTL,  mend: as_it_is,   read: materials },
     Target { name: "off",      file: "a.off",     valid: valid::offs,       words: OFF,  mend: as_it_is,   read: mesh_and_back },
     Target { name: "stl",      file: "a.stl",     valid: valid::stls,       words: STL,  mend: count_of_stl, read: mesh_and_back },
+    Target { name: "glb-looks", file: "a.glb",    valid: valid::posed,      words: GLB,  mend: lengths_of_glb, read: textured },
     Target { name: "glb",      file: "a.glb",     valid: valid::glbs,       words: GLB,  mend: lengths_of_glb, read: mesh_and_back },
     Target { name: "npy",      file: "a.npy",     valid: valid::npys,       words: NPY,  mend: as_it_is,   read: scans },
     Target { name: "npz",      file: "a.npz",     valid: valid::npys,       words: NPY,  mend: npz,        read: scans },

@@ -9,6 +9,7 @@ use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish::saved::save;
 use planish_estimate::{Error, Result};
+use planish_exchange::glb::{PosedMesh, write_posed};
 use planish_exchange::mesh::{Column, MeshColumns};
 use planish_exchange::ply::{write_mesh, write_scan};
 use planish_exchange::{Unit, read_inputs};
@@ -350,6 +351,21 @@ pub fn stls() -> Result<Vec<Vec<u8>>> {
 /// GLB as we write it.
 pub fn glbs() -> Result<Vec<Vec<u8>>> {
     Ok(vec![square("a.glb")?])
+}
+
+/// A mesh with texture coordinates and a picture.
+pub fn posed() -> Result<Vec<Vec<u8>>> {
+    let mesh = PosedMesh {
+        points: &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
+        normals: &[[0.0, 0.0, 1.0]; 4],
+        triangles: &[[0, 1, 2], [0, 2, 3]],
+        uv: &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5]],
+        sigma: &[0.1; 4],
+        observed: &[1; 4],
+        picture: Some(b"\x89PNG nobody looks into it"),
+        ..PosedMesh::default()
+    };
+    Ok(vec![written(|path| write_posed(path, &mesh), "a.glb")?])
 }
 
 /// An array as NumPy writes it.

@@ -27,6 +27,7 @@ mod shell_fit;
 mod shell_mesh;
 mod shell_pose;
 mod shell_scene;
+mod shell_texture;
 mod simulate;
 mod solid;
 mod view;

@@ -8,5 +8,6 @@ pub fn run(args: &ShellArgs) -> u8 {
         ShellCommand::Fit(args) => crate::shell_fit::run(args),
         ShellCommand::Mesh(args) => crate::shell_mesh::run(args),
         ShellCommand::Pose(args) => crate::shell_pose::run(args),
+        ShellCommand::Texture(args) => crate::shell_texture::run(args),
     }
 }

@@ -3,6 +3,7 @@
 use crate::shell_fit::ShellFitArgs;
 use crate::shell_mesh::ShellMeshArgs;
 use crate::shell_pose::ShellPoseArgs;
+use crate::shell_texture::ShellTextureArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use planish::shell::surface::Metaball;
 
@@ -24,6 +25,8 @@ pub enum ShellCommand {
     Mesh(ShellMeshArgs),
     /// Pose a mesh by moving a few controls, and write it with its texture and its poses
     Pose(ShellPoseArgs),
+    /// Colour a mesh from calibrated pictures: its vertices, or a texture on it
+    Texture(ShellTextureArgs),
 }
 
 /// A kind of metaballs on the command line.

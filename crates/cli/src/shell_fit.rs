@@ -25,7 +25,7 @@ Points are read as by `planish fit`, with σ or covariance where the file has th
 centres at integers) or P, and mask = \"a.png\"; optionally name, image, contours = \"a.csv\" (x,y of places on outlines inside of the mask), held_out = true (the view only judges), and for one view or \
 for all: mask_threshold, mask_least_share (specks and holes below it are filled), sigma_px, and sigma_rotation_deg with sigma_translation, which make its pose one of the unknowns. tracks = \"tracks.csv\" (track,view,x,y) beside them holds features that were followed over views.
 Meshes need neither be closed nor manifold; for silhouettes their faces have to be turned the same way. PLY and GLB hold sigma, along the normal, and observed: 1 where more than half of what is known comes from the readings. \
-Where an OBJ has texture coordinates, OBJ and GLB keep them and its texture, and PLY holds sigma. Rigid parts turn by small angles only: what is fitted is linear in them.";
+Where an OBJ or GLB has texture coordinates, OBJ and GLB keep them and its texture. Rigid parts turn by small angles only: what is fitted is linear in them.";
 
 /// Arguments of `planish shell fit`.
 #[derive(Debug, Args)]

@@ -157,6 +157,81 @@ const INPUTS: &[(&str, &str, i32)] = &[
         "solid front.dxf top.dxf side.dxf --mesh-tolerance 0 -o old.ply",
         2,
     ),
+    (
+        "A camera whose focal length is nothing",
+        "shell fit ball.obj --silhouettes flat.toml -o old.ply",
+        2,
+    ),
+    (
+        "A camera that is turned and mirrored",
+        "shell fit ball.obj --silhouettes mirrored.toml -o old.ply",
+        2,
+    ),
+    (
+        "A key that no view has",
+        "shell fit ball.obj --silhouettes unknown_view.toml -o old.ply",
+        2,
+    ),
+    (
+        "Two views of one name",
+        "shell fit ball.obj --silhouettes twice.toml -o old.ply",
+        2,
+    ),
+    (
+        "A pose with half of its σ",
+        "shell fit ball.obj --silhouettes half_sigma.toml -o old.ply",
+        2,
+    ),
+    (
+        "A feature in a view that is not there",
+        "shell fit ball.obj --silhouettes tracks.toml -o old.ply",
+        2,
+    ),
+    (
+        "A mask that is not there",
+        "shell fit ball.obj --silhouettes no_mask.toml -o old.ply",
+        3,
+    ),
+    (
+        "A mask of one colour",
+        "shell fit ball.obj --silhouettes white.toml -o old.ply",
+        1,
+    ),
+    (
+        "A view of nothing",
+        "shell fit ball.obj --silhouettes nothing.toml -o old.ply",
+        1,
+    ),
+    (
+        "Pictures of somewhere else",
+        "shell texture ball.obj --views away_view.toml -o old.ply",
+        1,
+    ),
+    (
+        "A control that is not there",
+        "shell pose ball.obj --poses control.toml -o old.ply",
+        2,
+    ),
+    (
+        "Keyframes that go back in time",
+        "shell pose ball.obj --poses back.toml -o old.ply",
+        2,
+    ),
+    (
+        "A keyframe of a pose that is not there",
+        "shell pose ball.obj --poses gone_pose.toml -o old.ply",
+        2,
+    ),
+    (
+        "A move to infinity",
+        "shell pose ball.obj --poses infinite_move.toml -o old.ply",
+        2,
+    ),
+    (
+        "A hundred million controls",
+        "shell pose ball.obj --poses many.toml -o old.ply",
+        2,
+    ),
     ("A wrong command line, in JSON", "fit good.xyz --gate 0 --json", 2),
 ];
 
@@ -267,6 +342,56 @@ fn fill(folder: &Path) {
 }
 
 /// Drawings that want to break the command, beside good ones.
+/// An octahedron, and views and poses of it that make no sense.
+fn fill_shells(folder: &Path) {
+    let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
+    text(
+        "ball.obj",
+        "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n",
+    );
+    let row = |values: [&str; 4]| format!("P2 4 4 255\n{}\n", values.join("\n"));
+    text("mask.pgm", &row(["0 0 0 0", "0 255 255 0", "0 255 255 0", "0 0 0 0"]));
+    text("white.pgm", &row(["255 255 255 255"; 4]));
+    let camera = |more: &str, k: &str, r: &str, t: &str| format!("[[view]]\n{more}\nK = {k}\nR = {r}\nt = {t}\n");
+    let k = "[[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]";
+    let r = "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]";
+    let usual = |more: &str| camera(more, k, r, "[0, 0, 5]");
+    let mask = "mask = \"mask.pgm\"";
+    text(
+        "flat.toml",
+        &camera(mask, "[[0, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]", r, "[0, 0, 5]"),
+    );
+    text(
+        "mirrored.toml",
+        &camera(mask, k, "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[0, 0, 5]"),
+    );
+    text("unknown_view.toml", &usual("mask = \"mask.pgm\"\nlens = 3"));
+    text("twice.toml", &(usual(mask) + &usual(mask)));
+    text("half_sigma.toml", &usual("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
+    text("tracks.toml", &format!("tracks = \"tracks.csv\"\n{}", usual(mask)));
+    text("tracks.csv", "track,view,x,y\n1,mask,1,2\n1,other,1,2\n");
+    text("no_mask.toml", &usual("mask = \"gone.pgm\""));
+    text("white.toml", &usual("mask = \"white.pgm\""));
+    text("nothing.toml", &usual("name = \"a\""));
+    text("away_view.toml", &camera("image = \"mask.pgm\"", k, r, "[100, 0, 5]"));
+    let pose = |head: &str, by: &str, rest: &str| {
+        format!("{head}\n[[pose]]\nname = \"up\"\nmove = [{{ control = 0, by = {by} }}]\n{rest}\n")
+    };
+    let frame = |seconds: u32, name: &str| format!("[[keyframe]]\nseconds = {seconds}\nweights = {{ {name} = 1 }}\n");
+    let up = "[0, 0, 1]";
+    text(
+        "control.toml",
+        &pose("controls = 4", up, "").replace("control = 0", "control = 4"),
+    );
+    text(
+        "back.toml",
+        &pose("controls = 4", up, &(frame(2, "up") + &frame(1, "up"))),
+    );
+    text("gone_pose.toml", &pose("controls = 4", up, &frame(0, "down")));
+    text("infinite_move.toml", &pose("controls = 4", "[0, 0, inf]", ""));
+    text("many.toml", &pose("controls = 100000000", up, ""));
+}
+
 fn fill_drawings(folder: &Path) {
     let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
     // Codes and values between blanks.
@@ -360,6 +485,7 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
 fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     let folder = tempfile::tempdir().expect("a folder");
     fill(folder.path());
+    fill_shells(folder.path());
     fill_drawings(folder.path());
     let kept: Vec<_> = ["old.ply", "old.planish", "old.step"]
         .map(|name| folder.path().join(name))

@@ -148,3 +148,131 @@ fn the_scene_has_what_shells_are_fitted_to() {
         assert!(folder.path().join("bent").join(name).is_file(), "{name}");
     }
 }
+
+#[test]
+fn a_sequence_is_followed_frame_by_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("frames")).expect("a folder");
+    for (name, seed) in [("a", "1"), ("b", "2")] {
+        let out = format!("frames/{name}");
+        let args = [
+            "simulate",
+            "scene",
+            "shell",
+            "--out",
+            &out,
+            "--points",
+            "300",
+            "--views",
+            "2",
+            "--controls",
+            "8",
+            "--deformation",
+            "0.01",
+            "--seed",
+            seed,
+        ];
+        planish(folder.path(), &args).ok();
+    }
+    let args = [
+        "shell",
+        "fit",
+        "frames/a/mesh.obj",
+        "--sequence",
+        "frames",
+        "--controls",
+        "10",
+        "-o",
+        "moved.ply",
+        "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    let frames = said["frames"].as_array().expect("frames");
+    assert_eq!(frames.len(), 2, "{said}");
+    for (frame, name) in frames.iter().zip(["a", "b"]) {
+        // σ of points is 0.2 % of some 173 mm; a pixel is about half a millimetre.
+        let rms = frame["rms_points"].as_f64().expect("a number");
+        assert!(frame["frame"] == name && rms < 1.0, "{frame}");
+        assert!(frame["iou"].as_f64().expect("a number") > 0.95, "{frame}");
+        assert!(folder.path().join(format!("moved.{name}.ply")).is_file());
+    }
+    // The first has nothing before it that could surprise.
+    assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
+    std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
+    let said = planish(folder.path(), &args);
+    assert!(
+        said.code == 2 && said.stderr.contains("needed views.toml or points.*"),
+        "{}",
+        said.stderr
+    );
+    let args = [
+        "shell",
+        "fit",
+        "frames/a/mesh.obj",
+        "--sequence",
+        "frames",
+        "--points",
+        "frames/a/points.ply",
+    ];
+    assert_eq!(planish(folder.path(), &args).code, 2);
+}
+
+#[test]
+fn a_mesh_is_coloured_from_pictures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    // Two sheets that are seen from above and from below; the picture is red to the left and blue to the right.
+    let mut sheet = String::from("# unit mm\n");
+    for y in 0..9 {
+        for x in 0..9 {
+            sheet += &format!("v {x} {y} 0\n");
+        }
+    }
+    for y in 0..8 {
+        for x in 0..8 {
+            let a = 9 * y + x + 1;
+            sheet += &format!("f {} {} {}\nf {} {} {}\n", a, a + 1, a + 10, a, a + 10, a + 9);
+        }
+    }
+    write("a.obj", &sheet);
+    let row = "250 10 10 ".repeat(20) + &"10 10 250 ".repeat(21) + "\n";
+    write("p.ppm", &format!("P3 41 41 255\n{}", row.repeat(41)));
+    // From above: x to the right, y downwards.
+    write(
+        "views.toml",
+        "unit = \"mm\"\n[[view]]\nimage = \"p.ppm\"\nK = [[80, 0, 20], [0, 80, 20], [0, 0, 1]]\nR = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]\nt = [-4, 4, 20]\n",
+    );
+    let args = [
+        "shell",
+        "texture",
+        "a.obj",
+        "--views",
+        "views.toml",
+        "--colours",
+        "vertices",
+        "-o",
+        "c.ply",
+        "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    // The border of the sheet lies at a jump of the depth.
+    assert!(
+        said["vertices"] == 81 && said["seen"] == 49 && said["filled"] == 32 && said["texture"].is_null(),
+        "{said}"
+    );
+    assert!(
+        said["views"][0]["view"] == "p" && said["views"][0]["seen"] == 49,
+        "{said}"
+    );
+    let said = planish(folder.path(), &["info", "c.ply"]).ok();
+    assert!(said.stdout.contains("81"), "{}", said.stdout);
+    let said = planish(
+        folder.path(),
+        &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"],
+    );
+    assert!(
+        said.code == 2 && said.stderr.contains(".obj (with a texture)"),
+        "{}",
+        said.stderr
+    );
+}

@@ -10,8 +10,8 @@
 //!
 //! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those that can be posed, with a texture ([`write_posed`]).
 //!
-//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Textures, skins, morph targets, animations, points
-//! and lines are passed over when read.
+//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Skins, morph targets, animations, points
+//! and lines are passed over when read, and textures but by [`read_textured`](crate::textured::read_textured), which takes the base colour alone.
 //!
 //! # References
 //! The Khronos Group, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022).
@@ -26,7 +26,7 @@ mod write;
 pub use animate::{MeshFrame, write_animation};
 pub use pose::{Keyframe, MorphTarget, PosedMesh, write_posed};
 pub use read::read_mesh;
-pub(crate) use read::read_scan;
+pub(crate) use read::{read_scan, read_textured};
 pub use write::{ramp, write_mesh};
 
 /// What files begin with.

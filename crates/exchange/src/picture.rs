@@ -10,7 +10,7 @@
 //! - Truevision, *TGA file format specification 2.0*, 1991: types 2, 3, 10 and 11.
 //! - Poskanzer, *Netpbm*: P2, P3, P5 and P6.
 
-use std::io::{BufReader, Cursor, Read};
+use std::io::{self, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
 use planish_estimate::{Error, Result};
@@ -139,13 +139,34 @@ fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, val
             values.len()
         )));
     };
-    write_atomically(path, |writer| {
-        let mut encoder = png::Encoder::new(writer, width, height);
-        encoder.set_color(kind);
-        let mut out = encoder.write_header()?;
-        out.write_image_data(values)?;
-        Ok(out.finish()?)
-    })
+    write_atomically(path, |writer| encode_png(writer, [width, height], kind, values))
+}
+
+fn encode_png(writer: impl Write, [width, height]: [u32; 2], kind: png::ColorType, values: &[u8]) -> io::Result<()> {
+    let mut encoder = png::Encoder::new(writer, width, height);
+    encoder.set_color(kind);
+    let mut out = encoder.write_header()?;
+    out.write_image_data(values)?;
+    Ok(out.finish()?)
+}
+
+/// The bytes of a PNG of red, green and blue from 0 to 255, to be put into another file.
+///
+/// # Errors
+/// `Input` where there are not as many values as pixels.
+pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
+    let [columns, rows] = size;
+    let sides = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
+    let Some((width, height)) = sides.filter(|_| 3 * columns * rows == values.len() && !values.is_empty()) else {
+        return Err(Error::input(format!(
+            "needed {columns} × {rows} pixels of three values, found {} values",
+            values.len()
+        )));
+    };
+    let mut bytes = Vec::new();
+    encode_png(&mut bytes, [width, height], png::ColorType::Rgb, values)
+        .map_err(|e| Error::io("a picture could not be packed").with_source(e))?;
+    Ok(bytes)
 }
 
 /// Keeps one or three of the samples of each pixel: opacity stands behind them.

@@ -1,8 +1,8 @@
 //! Meshes with texture coordinates, named parts and a texture.
 //!
-//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with the pictures that its material files (`.mtl`, `map_Kd`) name. Goes out: OBJ with MTL and picture beside it.
+//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its base colour. Goes out: OBJ with MTL and picture beside it.
 //!
-//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than OBJ.
+//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than OBJ and GLB.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -54,6 +54,10 @@ pub struct TexturedMesh {
     pub parts: Vec<MeshPart>,
     /// The picture of the material that most triangles have.
     pub texture: Option<PathBuf>,
+    /// The same where it stands in the file itself: PNG or JPEG.
+    pub picture: Option<Vec<u8>>,
+    /// Further numbers of the vertices by their names, as [`PolygonMesh`](crate::mesh::PolygonMesh) has them.
+    pub columns: Vec<(String, Vec<f64>)>,
     /// Further files that were read.
     pub files: Vec<PathBuf>,
     /// What is named and not there, or not looked at.
@@ -120,15 +124,19 @@ impl TexturedMesh {
 /// Reads a mesh with what belongs to its looks.
 ///
 /// # Errors
-/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line. A material file that is missing is a warning.
+/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line or accessor. A material file that is missing is a warning.
 pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
     if extension(path) == "obj" {
         return crate::obj::read_textured(path);
+    }
+    if extension(path) == "glb" {
+        return crate::glb::read_textured(path);
     }
     let mesh = crate::mesh::read_mesh(path)?;
     Ok(TexturedMesh {
         points: mesh.points,
         triangles: mesh.triangles,
+        columns: mesh.columns,
         unit: mesh.unit,
         ..TexturedMesh::default()
     })
@@ -203,13 +211,20 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
     read().map_err(|e: Error| e.in_context(path.display()))
 }
 
-/// Writes OBJ; with a picture (PNG) also `NAME.mtl` and `NAME.png` beside it. Gives the files.
+/// Whether a picture is JPEG, by its first bytes.
+#[must_use]
+pub fn is_jpeg(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0xff, 0xd8])
+}
+
+/// Writes OBJ; with a picture also `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG. Gives the files.
 ///
 /// # Errors
 /// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left half-written.
 pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8]>) -> Result<Vec<PathBuf>> {
     check(mesh).map_err(|e| e.in_context(path.display()))?;
-    let (materials, texture) = (path.with_extension("mtl"), path.with_extension("png"));
+    let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };
+    let (materials, texture) = (path.with_extension("mtl"), path.with_extension(ending));
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut written = Vec::new();
     if let Some(bytes) = picture {
@@ -295,6 +310,12 @@ mod tests {
         assert_eq!(split.vertex_of.iter().filter(|v| **v == 0).count(), 3);
         assert_eq!(split.triangles.len(), 3);
         let out = folder.path().join("b.obj");
+        let files = write_textured_obj(&out, &found, Some(b"\xff\xd8 a JPEG")).unwrap();
+        assert_eq!(files[0], folder.path().join("b.jpg"));
+        assert_eq!(
+            read_textured(&out).unwrap().texture.as_deref(),
+            Some(&*folder.path().join("b.jpg"))
+        );
         let files = write_textured_obj(&out, &found, Some(b"picture")).unwrap();
         assert_eq!(files.len(), 3);
         let again = read_textured(&out).unwrap();
@@ -303,6 +324,67 @@ mod tests {
             (&found.points, &found.uv, &found.uv_triangles)
         );
         assert_eq!(again.texture.as_deref(), Some(&*folder.path().join("b.png")));
+    }
+
+    /// A square whose two triangles meet at a seam of the texture comes back from GLB with its four vertices, coordinates, picture and σ.
+    #[test]
+    fn glb_gives_back_what_a_mesh_looks_like() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let square = TexturedMesh {
+            points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            uv: vec![
+                [0.0, 0.0],
+                [0.5, 0.0],
+                [0.5, 1.0],
+                [0.75, 0.25],
+                [1.0, 0.5],
+                [0.75, 1.0],
+            ],
+            uv_triangles: vec![[0, 1, 2], [3, 4, 5]],
+            ..TexturedMesh::default()
+        };
+        let split = square.split();
+        let of = |v: &u32| square.points[*v as usize];
+        let points: Vec<[f64; 3]> = split.vertex_of.iter().map(of).collect();
+        let sigma: Vec<f64> = split.vertex_of.iter().map(|v| f64::from(*v) + 1.0).collect();
+        let picture = b"\xff\xd8 a JPEG".as_slice();
+        let write = |picture: &[u8]| {
+            crate::glb::write_posed(
+                &path,
+                &crate::glb::PosedMesh {
+                    points: &points,
+                    normals: &[[0.0, 0.0, 1.0]; 6],
+                    triangles: &split.triangles,
+                    uv: &split.uv,
+                    sigma: &sigma,
+                    picture: Some(picture),
+                    ..crate::glb::PosedMesh::default()
+                },
+            )
+            .unwrap();
+        };
+        write(picture);
+        let found = read_textured(&path).unwrap();
+        assert_eq!(found.points, square.points);
+        assert_eq!(found.triangles, square.triangles);
+        for (t, corners) in found.uv_triangles.iter().enumerate() {
+            for (k, corner) in corners.iter().enumerate() {
+                assert_eq!(
+                    found.uv[*corner as usize],
+                    square.uv[square.uv_triangles[t][k] as usize]
+                );
+            }
+        }
+        assert_eq!(found.picture.as_deref(), Some(picture));
+        let column = |name: &str| found.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.clone());
+        assert_eq!(column("sigma").unwrap(), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(found.columns.len(), 4, "nx ny nz sigma: {:?}", found.columns);
+        // A picture whose place the file does not hold is left out.
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 4]).unwrap();
+        assert!(read_textured(&path).is_err());
     }
 
     #[test]

@@ -5,3 +5,4 @@ mod looks;
 pub(crate) mod overlap;
 pub mod pose;
 pub mod surface;
+pub mod texture;

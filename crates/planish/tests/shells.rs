@@ -6,7 +6,7 @@
 use planish::progress::Silent;
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
 use planish_estimate::vector3::{distance, norm};
-use planish_exchange::mesh::read_mesh;
+use planish_exchange::mesh::{PolygonMesh, read_mesh};
 use planish_exchange::textured::read_textured;
 use planish_mesh::icosphere;
 use std::fmt::Write;
@@ -96,9 +96,13 @@ fn texture_and_its_coordinates_are_kept() {
     let glb = std::fs::read(&job.outputs[1]).unwrap();
     let has = |what: &[u8]| glb.windows(what.len()).any(|bytes| bytes == what);
     assert!(has(PICTURE) && has(b"TEXCOORD_0"));
-    // It is in metres.
-    let in_metres = read_mesh(&job.outputs[1]).unwrap().points;
-    let points: Vec<[f64; 3]> = in_metres.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
+    // It is in metres, split at no seam as there is none, and says what the PLY says of σ.
+    let in_metres = read_mesh(&job.outputs[1]).unwrap();
+    let stated = read_mesh(&job.outputs[2]).unwrap();
+    let sigma = |mesh: &PolygonMesh| mesh.column("sigma").unwrap().iter().sum::<f64>();
+    assert!((1000.0 * sigma(&in_metres) / sigma(&stated) - 1.0).abs() < 1e-6);
+    assert_eq!(in_metres.column("observed"), stated.column("observed"));
+    let points: Vec<[f64; 3]> = in_metres.points.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
     assert!(off(&points) < 0.1, "{}", off(&points));
     let ply = std::fs::read(&job.outputs[2]).unwrap();
     assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));
@@ -130,7 +134,8 @@ fn rigid_parts_keep_their_lengths() {
     assert!(stretched(&[]) > 0.03);
     let stays = stretched(&["cap"]);
     // Turns are linear, and lengths grow by half the square of the angle: a ball does not tell how its cap is turned.
-    assert!(stays < 5e-3, "{stays}");
+    // How far it turns depends on where controls stand: 0.7 % is a turn of 0.12.
+    assert!(stays < 0.01, "{stays}");
     let unknown = ShellFitJob {
         rigid: vec!["hat".to_owned()],
         ..job(folder.path(), &[])
@@ -139,5 +144,35 @@ fn rigid_parts_keep_their_lengths() {
     assert!(
         message.contains("ball.obj") && message.contains("cap, rest") || message.contains("rest, cap"),
         "{message}"
+    );
+}
+
+/// An eye in the rigid head hangs together with nothing and is near no point: no control is spent on it, and none is left that nothing determines.
+#[test]
+fn loose_parts_of_what_is_rigid_need_no_readings() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = ShellFitJob {
+        rigid: vec!["cap".to_owned()],
+        blend: Some(4.0),
+        ..job(folder.path(), &["fitted.obj"])
+    };
+    let mut text = std::fs::read_to_string(&job.mesh).unwrap();
+    let first = icosphere(10.0, 3).positions.len() as u32 + 1;
+    let eye = icosphere(0.5, 1);
+    for [x, y, z] in &eye.positions {
+        writeln!(text, "v {x:?} {y:?} {:?}", z + 5.0).unwrap();
+    }
+    writeln!(text, "o cap").unwrap();
+    for t in eye.triangles.iter().map(|t| t.map(|v| v + first)) {
+        writeln!(text, "f {} {} {}", t[0], t[1], t[2]).unwrap();
+    }
+    std::fs::write(&job.mesh, text).unwrap();
+    let report = shell_fit_files(&job, &Silent).unwrap();
+    assert_eq!(report.controls, 20);
+    let found = read_textured(&job.outputs[0]).unwrap();
+    assert!(
+        off(&found.points[..first as usize - 1]) < 0.35,
+        "{}",
+        off(&found.points[..first as usize - 1])
     );
 }

@@ -8,12 +8,14 @@
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
-use planish_mesh::TriangleMesh;
+use planish_mesh::{BoundingBox, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 /// Edges count as so many times longer where the mesh turns by one radian along them.
 const BENDING: f64 = 2.0;
+/// The finest cell in which loose parts are joined, as a share of the mesh's size.
+const FINEST_CELL: f64 = 1.0 / 2048.0;
 /// A cotangent is no larger than this: triangles of controls may be thin.
 const MOST_COTANGENT: f64 = 10.0;
 
@@ -34,6 +36,8 @@ pub struct Controls {
 struct Roads {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
+    /// Pairs of vertices that join loose parts.
+    bridges: Vec<[u32; 2]>,
 }
 
 impl Roads {
@@ -56,6 +60,8 @@ impl Roads {
                 pairs.insert([first, v as u32]);
             }
         }
+        let bridges = bridges(&mesh.positions, &pairs);
+        pairs.extend(&bridges);
         let length = |[a, b]: [u32; 2]| {
             let [a, b] = [a as usize, b as usize];
             let turn = dot(normals[a], normals[b]).clamp(-1.0, 1.0).acos();
@@ -78,7 +84,7 @@ impl Roads {
                 next[from as usize] += 1;
             }
         }
-        Self { start, to }
+        Self { start, to, bridges }
     }
 
     /// Takes over what is nearer to a new source than to all before.
@@ -104,7 +110,53 @@ impl Roads {
     }
 }
 
-/// Chooses control points: each as far as can be from those before, along the mesh.
+/// Pairs of vertices that join all parts of a mesh into one, each about as short as can be: parts that share a cell of a grid are joined in it, and cells double until all is one.
+///
+/// Cost: some thirty passes over the vertices, and none where there is one part.
+fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
+    let mut parts: Vec<u32> = (0..positions.len() as u32).collect();
+    fn root(parts: &mut [u32], mut v: u32) -> u32 {
+        while parts[v as usize] != v {
+            parts[v as usize] = parts[parts[v as usize] as usize];
+            v = parts[v as usize];
+        }
+        v
+    }
+    let mut used: Vec<u32> = pairs.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let mut count = used.len();
+    for [a, b] in pairs {
+        let (a, b) = (root(&mut parts, *a), root(&mut parts, *b));
+        if a != b {
+            parts[a.max(b) as usize] = a.min(b);
+            count -= 1;
+        }
+    }
+    let mut found = Vec::new();
+    let Some(bounds) = BoundingBox::around(used.iter().map(|v| positions[*v as usize])) else {
+        return found;
+    };
+    let mut cell = (bounds.diagonal() * FINEST_CELL).max(f64::MIN_POSITIVE);
+    while count > 1 {
+        let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
+        for &v in &used {
+            let at = positions[v as usize];
+            let key = [0, 1, 2].map(|k| ((at[k] - bounds.min[k]) / cell) as u64);
+            let other = *first.entry(key).or_insert(v);
+            let (a, b) = (root(&mut parts, other), root(&mut parts, v));
+            if a != b {
+                parts[a.max(b) as usize] = a.min(b);
+                found.push([other.min(v), other.max(v)]);
+                count -= 1;
+            }
+        }
+        cell *= 2.0;
+    }
+    found
+}
+
+/// Chooses control points: each as far as can be from those before, along the mesh; loose parts count as joined where they come near each other.
 ///
 /// # Errors
 /// `Input` for no controls at all, or a mesh without triangles.
@@ -145,6 +197,12 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
         of.sort_unstable();
         if of[0] != of[1] && of[1] != of[2] {
             triangles.insert(of);
+        }
+    }
+    for [a, b] in &roads.bridges {
+        let [a, b] = [a, b].map(|v| regions[*v as usize]);
+        if a != b {
+            edges.insert([a.min(b), a.max(b)]);
         }
     }
     Ok(Controls {
@@ -249,6 +307,23 @@ mod tests {
             .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let made = automatic_controls(&two, 8).unwrap();
         assert!(made.vertices.iter().any(|v| *v < first) && made.vertices.iter().any(|v| *v >= first));
+        // What is the same everywhere costs nothing, and nothing else: the two are joined.
+        let eigen = stiffness(&made.points, &made.triangles, &made.edges)
+            .symmetric_eigen()
+            .eigenvalues;
+        assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
+        // Forty crumbs beside a ball leave most of the controls to the ball.
+        let mut crumbs = icosphere(1.0, 3);
+        for k in 0..40 {
+            let first = crumbs.positions.len() as u32;
+            let at = [1.01, 0.01 * f64::from(k), 0.0];
+            (crumbs.positions).extend([at, [1.015, at[1], 0.0], [1.01, at[1], 0.005]]);
+            crumbs.triangles.push([first, first + 1, first + 2]);
+        }
+        let ball = icosphere(1.0, 3).positions.len() as u32;
+        let made = automatic_controls(&crumbs, 30).unwrap();
+        let of_ball = made.vertices.iter().filter(|v| **v < ball).count();
+        assert!(of_ball > 20, "{of_ball}");
         let soup = TriangleMesh {
             positions: vec![
                 [0.0; 3],

@@ -46,6 +46,10 @@ pub struct PosedMesh<'a> {
     pub uv: &'a [[f64; 2]],
     /// Colours of the points, linear, from 0 to 1; empty where there are none.
     pub colours: &'a [[f64; 3]],
+    /// σ of the points along their normals, in the mesh's unit, for `_SIGMA`; empty where there is none.
+    pub sigma: &'a [f64],
+    /// Which points were measured, for `_OBSERVED`; empty where nothing is said.
+    pub observed: &'a [u8],
     /// A picture (PNG or JPEG) for the texture coordinates.
     pub picture: Option<&'a [u8]>,
     /// Poses.
@@ -75,11 +79,14 @@ pub fn write_posed(path: &Path, mesh: &PosedMesh<'_>) -> Result<()> {
 fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let n = mesh.points.len();
     let optional = |length: usize| length == 0 || length == n;
-    let equal = mesh.normals.len() == n && optional(mesh.uv.len()) && optional(mesh.colours.len());
+    let equal = mesh.normals.len() == n
+        && [mesh.uv.len(), mesh.colours.len(), mesh.sigma.len(), mesh.observed.len()]
+            .into_iter()
+            .all(optional);
     let poses = (mesh.targets.iter()).all(|t| t.points.len() == n && t.normals.len() == n);
     if n == 0 || mesh.triangles.is_empty() || !equal || !poses {
         return Err(Error::input(
-            "needed triangles, and as many normals, texture coordinates and places of each pose as points",
+            "needed triangles, and as many normals, texture coordinates, colours, σ and places of each pose as points",
         ));
     }
     if mesh.triangles.iter().flatten().any(|&corner| corner as usize >= n) {
@@ -174,6 +181,14 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         let at = chunk.floats(&colours, Some(ATTRIBUTES), json!({}));
         attributes.insert("COLOR_0".to_owned(), json!(at));
     }
+    let sigma: Vec<[f32; 1]> = mesh.sigma.iter().map(|sigma| [*sigma as f32]).collect();
+    let observed: Vec<[f32; 1]> = mesh.observed.iter().map(|mark| [f32::from(*mark)]).collect();
+    for (name, column) in [("_SIGMA", sigma), ("_OBSERVED", observed)] {
+        if !column.is_empty() {
+            let at = chunk.floats(&column, Some(ATTRIBUTES), json!({}));
+            attributes.insert(name.to_owned(), json!(at));
+        }
+    }
     let mut targets = Vec::new();
     for target in mesh.targets {
         let difference = |to: &[[f64; 3]], from: &[[f64; 3]]| -> Vec<[f32; 3]> {
@@ -241,6 +256,7 @@ mod tests {
 
     const POINTS: [[f64; 3]; 3] = [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0]];
     const NORMALS: [[f64; 3]; 3] = [[0.0, 0.0, 1.0]; 3];
+    const SIGMA: [f64; 3] = [0.25, 0.5, 1.0];
 
     fn posed(
         picture: Option<&'static [u8]>,
@@ -264,6 +280,8 @@ mod tests {
                 normals: &NORMALS,
                 triangles: &[[0, 1, 2]],
                 uv: &[[0.0, 0.0], [1.0, 0.0], [0.0, 0.25]],
+                sigma: &SIGMA,
+                observed: &[1, 0, 1],
                 picture,
                 targets: &targets,
                 keyframes: &keyframes,
@@ -287,10 +305,11 @@ mod tests {
         let read = read.unwrap();
         // GLB is in metres.
         assert_eq!(read.triangles, [[0, 1, 2]]);
-        assert!(
-            (read.points[1][0] - read.points[0][0] - 1e-3).abs() < 1e-9
-                || (read.points[1][0] - read.points[0][0] - 1.0).abs() < 1e-6
-        );
+        assert!((read.points[1][0] - read.points[0][0] - 1e-3).abs() < 1e-9);
+        for (found, wanted) in read.column("sigma").unwrap().iter().zip(SIGMA) {
+            assert!((found / (1e-3 * wanted) - 1.0).abs() < 1e-6);
+        }
+        assert_eq!(read.column("observed").unwrap(), [1.0, 0.0, 1.0]);
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
         let binary = &bytes[28 + length..];

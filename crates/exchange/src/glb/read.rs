@@ -1,5 +1,6 @@
 //! Meshes from GLB files.
 
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
@@ -13,6 +14,7 @@ use crate::Unit;
 use crate::mesh::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{Source, read_file};
+use crate::textured::TexturedMesh;
 
 /// A scene's tree of nodes is not deeper than this.
 const DEEPEST: usize = 64;
@@ -34,6 +36,12 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
+/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the picture of the base colour that most of them have. Vertices at one place are one, as they were before a seam of the texture parted them.
+pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
+    let (mesh, picture) = read_file(path, |mut source, _| textured_from(&mut source))?;
+    Ok(welded(mesh, picture))
+}
+
 /// Reads the vertices as points.
 pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -47,7 +55,65 @@ pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
     Ok((scan, mesh.unit))
 }
 
+/// Columns for the time between reading and welding.
+const UV: [&str; 2] = ["TEXCOORD_0 u", "TEXCOORD_0 v"];
+
 pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+    with_file(source, |file| file.mesh(false).map(|(mesh, _)| mesh))
+}
+
+fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option<Vec<u8>>)> {
+    with_file(source, |file| {
+        let (mesh, materials) = file.mesh(true)?;
+        let most = (materials.iter())
+            .filter_map(|(material, count)| file.picture(*material).map(|picture| (*count, picture)))
+            .max_by_key(|(count, _)| *count);
+        Ok((mesh, most.map(|(_, picture)| picture.to_vec())))
+    })
+}
+
+fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
+    let mut uv = Vec::new();
+    if let [Some(u), Some(v)] = UV.map(|name| mesh.column(name)) {
+        // glTF counts from the upper left.
+        uv = u.iter().zip(v).map(|(u, v)| [*u, 1.0 - v]).collect();
+    }
+    mesh.columns.retain(|(name, _)| !UV.contains(&name.as_str()));
+    if uv.is_empty() {
+        return TexturedMesh {
+            points: mesh.points,
+            triangles: mesh.triangles,
+            columns: mesh.columns,
+            unit: mesh.unit,
+            ..TexturedMesh::default()
+        };
+    }
+    let mut places: BTreeMap<[u64; 3], u32> = BTreeMap::new();
+    let (mut kept, mut new) = (Vec::new(), Vec::with_capacity(mesh.points.len()));
+    for (vertex, point) in mesh.points.iter().enumerate() {
+        // −0 and 0 are one place.
+        let place = point.map(|x| (x + 0.0).to_bits());
+        new.push(*places.entry(place).or_insert_with(|| {
+            kept.push(vertex);
+            kept.len() as u32 - 1
+        }));
+    }
+    let of = |column: &[f64]| kept.iter().map(|v| column[*v]).collect();
+    TexturedMesh {
+        points: kept.iter().map(|v| mesh.points[*v]).collect(),
+        triangles: (mesh.triangles.iter()).map(|t| t.map(|v| new[v as usize])).collect(),
+        uv,
+        uv_triangles: mesh.triangles,
+        picture,
+        columns: (mesh.columns.iter())
+            .map(|(name, column)| (name.clone(), of(column)))
+            .collect(),
+        unit: mesh.unit,
+        ..TexturedMesh::default()
+    }
+}
+
+fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> Result<T>) -> Result<T> {
     let header = source.bytes(12)?.map(<[u8]>::to_vec).unwrap_or_default();
     if !header.starts_with(&MAGIC) {
         return Err(Error::input(
@@ -76,11 +142,10 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
         true => Vec::new(),
         false => chunk(source, BINARY_CHUNK)?,
     };
-    let file = File {
+    take(File {
         document: &document,
         binary: &binary,
-    };
-    file.mesh()
+    })
 }
 
 /// The next chunk, which must be of a type.
@@ -171,7 +236,9 @@ fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
 }
 
 impl File<'_> {
-    fn mesh(&self) -> Result<PolygonMesh> {
+    /// The mesh, with the columns [`UV`] where texture coordinates are wanted, and how many triangles each material has.
+    fn mesh(&self, with_uv: bool) -> Result<(PolygonMesh, BTreeMap<usize, usize>)> {
+        let mut materials = BTreeMap::new();
         let mut mesh = PolygonMesh {
             unit: Some(Unit::Metre),
             ..PolygonMesh::default()
@@ -199,7 +266,7 @@ impl File<'_> {
             let transform =
                 parent.after(&node_transform(value).map_err(|e| e.in_context(format_args!("node {node}")))?);
             if let Some(number) = index(&value["mesh"]) {
-                self.add_mesh(&mut mesh, number, &transform)
+                self.add_mesh(&mut mesh, &mut materials, number, &transform, with_uv)
                     .map_err(|e| e.in_context(format_args!("mesh {number}")))?;
             }
             let children = value["children"].as_array().into_iter().flatten().filter_map(index);
@@ -211,10 +278,33 @@ impl File<'_> {
         // A column counts where every primitive has it.
         let points = mesh.points.len();
         mesh.columns.retain(|(_, column)| column.len() == points);
-        Ok(mesh)
+        Ok((mesh, materials))
     }
 
-    fn add_mesh(&self, mesh: &mut PolygonMesh, number: usize, transform: &Transform) -> Result<()> {
+    /// The bytes of the picture of a material's base colour, where it stands in the file, is PNG or JPEG, and lies on the first texture coordinates.
+    fn picture(&self, material: usize) -> Option<&[u8]> {
+        let texture = &self.document["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"];
+        if texture["texCoord"].as_u64().unwrap_or(0) != 0 {
+            return None;
+        }
+        let source = index(&self.document["textures"][index(&texture["index"])?]["source"])?;
+        let view = &self.document["bufferViews"][index(&self.document["images"][source]["bufferView"])?];
+        let start = index(&view["byteOffset"]).unwrap_or(0);
+        let bytes = self
+            .binary
+            .get(start..start.checked_add(index(&view["byteLength"])?)?)?;
+        let known = bytes.starts_with(b"\x89PNG") || crate::textured::is_jpeg(bytes);
+        (known && index(&view["buffer"]) == Some(0)).then_some(bytes)
+    }
+
+    fn add_mesh(
+        &self,
+        mesh: &mut PolygonMesh,
+        materials: &mut BTreeMap<usize, usize>,
+        number: usize,
+        transform: &Transform,
+        with_uv: bool,
+    ) -> Result<()> {
         let Some(primitives) = self.document["meshes"][number]["primitives"].as_array() else {
             return Err(Error::input("needed a list of primitives, found none"));
         };
@@ -279,7 +369,29 @@ impl File<'_> {
                     column(name, &|vertex| factor * found.number(vertex, 0));
                 }
             }
+            if with_uv && !attributes["TEXCOORD_0"].is_null() {
+                let found = self.accessor_of(&attributes["TEXCOORD_0"], &[FLOAT, BYTE, SHORT], "VEC2")?;
+                same(&found, "TEXCOORD_0")?;
+                let white = match found.type_ {
+                    NumberType::U8 => 255.0,
+                    NumberType::U16 => 65535.0,
+                    _ => 1.0,
+                };
+                for (k, name) in UV.iter().enumerate() {
+                    if let Some(vertex) = (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite()) {
+                        return Err(Error::input(format!(
+                            "TEXCOORD_0: needed finite numbers, found {} at vertex {vertex}",
+                            found.number(vertex, k)
+                        )));
+                    }
+                    column(name, &|vertex| found.number(vertex, k) / white);
+                }
+            }
+            let before = mesh.triangles.len();
             self.add_triangles(mesh, &primitive["indices"], first, transform.determinant() < 0.0)?;
+            if let Some(material) = index(&primitive["material"]) {
+                *materials.entry(material).or_default() += mesh.triangles.len() - before;
+            }
         }
         Ok(())
     }
@@ -348,7 +460,12 @@ impl File<'_> {
             INTEGER => NumberType::U32,
             _ => NumberType::F32,
         };
-        let size = type_.size() * if kind == "VEC3" { 3 } else { 1 };
+        let size = type_.size()
+            * match kind {
+                "VEC3" => 3,
+                "VEC2" => 2,
+                _ => 1,
+            };
         let view = &self.document["bufferViews"][index(&accessor["bufferView"]).unwrap_or(usize::MAX)];
         if !view.is_object() {
             return Err(wrong("names a bufferView that is not there".to_owned()));

@@ -1,13 +1,13 @@
 //! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of views.
 //!
-//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals, or with the texture of an OBJ; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
+//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals, and with its texture; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
 //!
 //! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or that does not overlap its masks.
 
-mod input;
+pub(super) mod input;
 mod report;
 
-use super::looks::{picture_of, write_moved};
+use super::looks::{Known, picture_of, write_moved};
 use super::overlap::intersection_over_union;
 use super::surface::check_outputs;
 use crate::mesh_output::write_known_mesh;
@@ -286,7 +286,11 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
                 unit: Some(units.unit()),
                 ..looks.clone()
             };
-            match write_moved(output, &textured, &found.positions, picture.as_deref())? {
+            let stated = Known {
+                sigma: &sigma,
+                observed: &observed,
+            };
+            match write_moved(output, &textured, &found.positions, stated, picture.as_deref())? {
                 Some(files) => written.extend(files),
                 None => {
                     write_known_mesh(output, &found, &normals, &sigma, &observed, units.unit())?;

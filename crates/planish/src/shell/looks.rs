@@ -1,4 +1,4 @@
-//! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ.
+//! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ or GLB.
 //!
 //! Comes in: a mesh with its looks, and where its vertices have come to lie. Goes out: OBJ with MTL and picture, or GLB, of the mesh at those places.
 //!
@@ -7,7 +7,7 @@
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
-use planish_exchange::textured::{TexturedMesh, read_bytes, write_textured_obj};
+use planish_exchange::textured::{TexturedMesh, is_jpeg, read_bytes, write_textured_obj};
 use planish_mesh::TriangleMesh;
 use std::path::{Path, PathBuf};
 
@@ -16,17 +16,24 @@ pub(super) type NamedPlaces<'a> = (&'a str, &'a [[f64; 3]]);
 
 /// The bytes of the texture; a warning where there should be some and are none.
 pub(super) fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Option<Vec<u8>> {
+    if file.picture.is_some() {
+        return file.picture.clone();
+    }
     read_bytes(file.texture.as_ref()?)
         .map_err(|e| warnings.push(format!("the texture is left out: {e}")))
         .ok()
 }
 
-fn is_png(bytes: &&[u8]) -> bool {
-    bytes.starts_with(b"\x89PNG")
+/// What OBJ and GLB can name or hold as a texture.
+fn can_be_kept(bytes: &&[u8]) -> bool {
+    bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
 
-fn is_jpeg(bytes: &&[u8]) -> bool {
-    bytes.starts_with(&[0xff, 0xd8])
+/// How well vertices are known: σ along normals, and which were measured; both empty where nothing is said.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Known<'a> {
+    pub sigma: &'a [f64],
+    pub observed: &'a [u8],
 }
 
 pub(super) fn normals_of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
@@ -44,9 +51,16 @@ pub(super) fn write_glb(
     points: &[[f64; 3]],
     poses: &[NamedPlaces<'_>],
     keyframes: &[Keyframe],
+    known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<()> {
     let split = file.split();
+    let each = |v: &u32| *v as usize;
+    let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
+    let sigma: Vec<f64> = (kept(known.sigma.len()).iter()).map(|v| known.sigma[each(v)]).collect();
+    let observed: Vec<u8> = (kept(known.observed.len()).iter())
+        .map(|v| known.observed[each(v)])
+        .collect();
     let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
     let targets: Vec<MorphTarget> = (poses.iter())
         .map(|(name, places)| MorphTarget {
@@ -62,7 +76,9 @@ pub(super) fn write_glb(
             normals: &of(&normals_of(points, &file.triangles)),
             triangles: &split.triangles,
             uv: &split.uv,
-            picture: picture.filter(|bytes| is_png(bytes) || is_jpeg(bytes)),
+            sigma: &sigma,
+            observed: &observed,
+            picture: picture.filter(can_be_kept),
             targets: &targets,
             keyframes,
             unit: file.unit,
@@ -82,7 +98,7 @@ pub(super) fn write_obj(
         points: points.to_vec(),
         ..file.clone()
     };
-    write_textured_obj(path, &moved, picture.filter(is_png))
+    write_textured_obj(path, &moved, picture.filter(can_be_kept))
 }
 
 /// Writes a mesh with its looks where it has texture coordinates and the format can hold them; `None` where that is not so.
@@ -90,13 +106,14 @@ pub(super) fn write_moved(
     path: &Path,
     file: &TexturedMesh,
     points: &[[f64; 3]],
+    known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<Option<Vec<PathBuf>>> {
     if file.uv_triangles.is_empty() {
         return Ok(None);
     }
     match extension(path).as_str() {
-        "glb" => write_glb(path, file, points, &[], &[], picture).map(|()| Some(vec![path.to_owned()])),
+        "glb" => write_glb(path, file, points, &[], &[], known, picture).map(|()| Some(vec![path.to_owned()])),
         "obj" => write_obj(path, file, points, picture).map(Some),
         _ => Ok(None),
     }

@@ -26,11 +26,11 @@
 //! weights = { "shoulders up" = 1 }
 //! ```
 //!
-//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture coordinates and the texture of an OBJ are kept. Other formats hold the mesh in the first pose.
+//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture coordinates and the texture of an OBJ or GLB are kept. Other formats hold the mesh in the first pose.
 //!
 //! Not guaranteed: that a posed mesh does not cross itself.
 
-use super::looks::{NamedPlaces, normals_of, picture_of, write_glb, write_obj};
+use super::looks::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
 use super::surface::check_outputs;
 use crate::progress::{Progress, WRITING_STAGE};
 use nalgebra::DVector;
@@ -294,7 +294,15 @@ fn write(
                     weights: frame.weights.clone(),
                 })
                 .collect();
-            write_glb(path, file, &mesh.positions, &named, &keyframes, picture)?;
+            write_glb(
+                path,
+                file,
+                &mesh.positions,
+                &named,
+                &keyframes,
+                Known::default(),
+                picture,
+            )?;
             Ok(vec![path.to_owned()])
         }
         "obj" => write_obj(path, file, points, picture),

@@ -184,7 +184,14 @@ impl Units {
 
 /// The deformation that a job asks for, with its rigid parts.
 pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &TexturedMesh) -> Result<Moved> {
-    let inner = without_parts(job, mesh)?;
+    let mut parts = Vec::new();
+    for part in &job.rigid {
+        parts.push(RigidPart {
+            vertices: part_vertices(looks, part).map_err(|e| e.in_context(job.mesh.display()))?,
+            motion: PartMotion::Free,
+        });
+    }
+    let inner = without_parts(job, mesh, &parts)?;
     if job.rigid.is_empty() {
         return Ok(inner);
     }
@@ -193,13 +200,6 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &Textured
             "parts cannot be rigid where modes move the mesh: use controls or a lattice",
         ));
     };
-    let mut parts = Vec::new();
-    for part in &job.rigid {
-        parts.push(RigidPart {
-            vertices: part_vertices(looks, part).map_err(|e| e.in_context(job.mesh.display()))?,
-            motion: PartMotion::Free,
-        });
-    }
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
     let blend = job.blend.unwrap_or(USUAL_BLEND * size);
     let made = RigidParts::new(mesh, inner.deformation, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
@@ -210,7 +210,24 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &Textured
     })
 }
 
-fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh) -> Result<Moved> {
+/// The triangles of a mesh that are not rigid, on the same vertices; all where nothing else is left.
+fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
+    let mut rigid = vec![false; mesh.positions.len()];
+    for v in parts.iter().flat_map(|part| &part.vertices) {
+        if let Some(rigid) = rigid.get_mut(*v as usize) {
+            *rigid = true;
+        }
+    }
+    let mut rest = mesh.clone();
+    rest.triangles.retain(|t| t.iter().any(|v| !rigid[*v as usize]));
+    if rest.triangles.is_empty() {
+        rest.triangles.clone_from(&mesh.triangles);
+    }
+    rest
+}
+
+/// The deformation of all that is not rigid: no control is spent on what is.
+fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]) -> Result<Moved> {
     let given = match &job.controls_file {
         Some(path) => Some(
             read_inputs(&[path], job.unit)?
@@ -238,7 +255,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh) -> Result<Moved> {
             free(Box::new(Dirichlet::new(&points, &mesh.positions)?), k, points.len())
         }
         (DeformationKind::Dirichlet, None) => {
-            let made = automatic_controls(mesh, job.controls)?;
+            let made = automatic_controls(&that_bends(mesh, parts), job.controls)?;
             let k = stiffness(&made.points, &made.triangles, &made.edges);
             free(
                 Box::new(Dirichlet::new(&made.points, &mesh.positions)?),
@@ -361,23 +378,26 @@ fn turned(pose: &planish_sense::Pose, [xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f6
 
 fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>>> {
     (views.views.par_iter())
-        .map(|view| {
-            let Some(path) = &view.mask else { return Ok(None) };
-            let options = SilhouetteOptions {
-                threshold: view.mask_threshold,
-                least_share: view
-                    .mask_least_share
-                    .unwrap_or(SilhouetteOptions::default().least_share),
-                sigma_px: view.sigma_px,
-                apart_px: job.outline_step_px,
-                ..SilhouetteOptions::default()
-            };
-            let picture = read_brightness(path)?;
-            silhouette(&picture, &options)
-                .map(Some)
-                .map_err(|e| e.in_context(path.display()))
-        })
+        .map(|view| read_mask(view, job.outline_step_px))
         .collect()
+}
+
+/// The mask of a view, where it has one; places on its border at least so far apart.
+pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Option<Silhouette>> {
+    let Some(path) = &view.mask else { return Ok(None) };
+    let options = SilhouetteOptions {
+        threshold: view.mask_threshold,
+        least_share: view
+            .mask_least_share
+            .unwrap_or(SilhouetteOptions::default().least_share),
+        sigma_px: view.sigma_px,
+        apart_px,
+        ..SilhouetteOptions::default()
+    };
+    let picture = read_brightness(path)?;
+    silhouette(&picture, &options)
+        .map(Some)
+        .map_err(|e| e.in_context(path.display()))
 }
 
 fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {

@@ -1,0 +1,232 @@
+//! What one calibrated picture says of the colour of a place on a surface, and whether it sees it at all.
+//!
+//! Comes in: a camera, its picture, maybe a mask, and the mesh. Goes out: [`Glimpse`]s: a colour, and a weight that grows with how straight and how finely the place is seen.
+//!
+//! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large as the picture decides, between pixels by their four depths. Pixels at a jump of the depth, or at the mask's border, are not believed, and those beside it less: the mesh is not known to a pixel there, and the colour of what lies behind would be taken for its own.
+//! Eight bytes are held for each pixel.
+//!
+//! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and shadows are taken for colours.
+
+use planish_estimate::vector3::{dot, sub, unit};
+use planish_exchange::picture::Picture;
+use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
+use planish_shell::Camera;
+use rayon::prelude::*;
+use std::collections::VecDeque;
+
+/// From here on, in pixels, the nearest jump of the depth is too far to matter.
+const CLEAR_PX: u8 = 5;
+/// Depths that differ by so many pixels' widths more than a plane's do jump.
+const JUMP: f64 = 10.0;
+/// A place may lie so many pixels' widths behind the depth buffer, which cuts corners between pixels.
+const BEHIND: f64 = 3.0;
+/// The least cosine of the angle between normal and line of sight: 81°. Beyond it a pixel covers too much of the surface.
+const LEAST_COSINE: f64 = 0.15;
+/// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible borders to the next.
+const SHARPNESS: f64 = 2.0;
+
+/// A view that is ready to be asked.
+#[derive(Debug)]
+pub(super) struct ColourView {
+    pub camera: Camera,
+    columns: usize,
+    rows: usize,
+    colours: Vec<[u8; 3]>,
+    /// Depth of what is seen; nothing where `clear` is zero and it is infinite.
+    depth: Vec<f32>,
+    /// How many pixels it is to the nearest jump; zero where nothing is to be believed.
+    clear: Vec<u8>,
+    /// The mesh's size, which makes weights free of units.
+    size: f64,
+}
+
+/// What a view says of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Glimpse {
+    /// Colour from 0 to 255, as the picture has it.
+    pub colour: [f64; 3],
+    /// Pixels on the mesh's size squared at this angle, to a power, less beside jumps.
+    pub weight: f64,
+}
+
+impl ColourView {
+    /// Draws the mesh as the camera sees it. A mask has as many pixels as the picture.
+    pub(super) fn new(
+        camera: Camera,
+        picture: &Picture,
+        mask: Option<&[bool]>,
+        mesh: &TriangleMesh,
+        size: f64,
+    ) -> Self {
+        let (columns, rows) = (picture.columns, picture.rows);
+        let corners = projected(mesh, &camera);
+        let buffer = DepthBuffer::draw(columns, rows, &corners, &mesh.triangles);
+        let depth: Vec<f32> = (0..columns * rows)
+            .map(|k| match mask.is_none_or(|mask| mask[k]) {
+                true => buffer
+                    .at(k % columns, k / columns)
+                    .map_or(f32::INFINITY, |seen| seen.depth as f32),
+                false => f32::INFINITY,
+            })
+            .collect();
+        let byte = |v: f32| (255.0 * v / picture.white).clamp(0.0, 255.0).round() as u8;
+        let colours = (picture.values.chunks_exact(picture.channels))
+            .map(|p| [byte(p[0]), byte(p[p.len() / 2]), byte(p[p.len() - 1])])
+            .collect();
+        let clear = clear_of_jumps(&depth, columns, rows, focal(&camera));
+        Self {
+            camera,
+            columns,
+            rows,
+            colours,
+            depth,
+            clear,
+            size,
+        }
+    }
+
+    /// What the view says of a place with a normal; nothing where it does not see it. With `two_sided` the normal's sign means nothing.
+    pub(super) fn glimpse(&self, at: [f64; 3], normal: [f64; 3], two_sided: bool) -> Option<Glimpse> {
+        let (pixel, depth) = self.camera.project(at)?;
+        let corner = |x: f64, count: usize| {
+            let low = x.floor();
+            (low >= 0.0 && x <= count as f64 - 1.0 && count > 1).then_some((low as usize).min(count - 2))
+        };
+        let (column, row) = (corner(pixel[0], self.columns)?, corner(pixel[1], self.rows)?);
+        let (x, y) = (pixel[0] - column as f64, pixel[1] - row as f64);
+        let first = row * self.columns + column;
+        let around = [
+            (first, (1.0 - x) * (1.0 - y)),
+            (first + 1, x * (1.0 - y)),
+            (first + self.columns, (1.0 - x) * y),
+            (first + self.columns + 1, x * y),
+        ];
+        let clear = around.iter().map(|(k, _)| self.clear[*k]).min().unwrap_or(0);
+        if clear == 0 {
+            return None;
+        }
+        let width = depth / focal(&self.camera);
+        let front: f64 = around.iter().map(|(k, w)| w * f64::from(self.depth[*k])).sum();
+        if depth > front + BEHIND * width {
+            return None;
+        }
+        let cosine = dot(normal, unit(sub(self.camera.center(), at))?);
+        let cosine = if two_sided { cosine.abs() } else { cosine };
+        if cosine < LEAST_COSINE {
+            return None;
+        }
+        let pixels = cosine * (self.size / width).powi(2);
+        Some(Glimpse {
+            colour: [0, 1, 2].map(|c| around.iter().map(|(k, w)| w * f64::from(self.colours[*k][c])).sum()),
+            weight: pixels.powf(SHARPNESS) * f64::from(clear) / f64::from(CLEAR_PX),
+        })
+    }
+
+    /// Root mean square, over all pixels away from jumps, of what the picture differs from colours that the mesh has: of a triangle and the weights of its corners. `None` where there are no such pixels.
+    pub(super) fn difference(
+        &self,
+        mesh: &TriangleMesh,
+        colour: impl Fn(u32, [f64; 3]) -> [f64; 3] + Sync,
+    ) -> Option<f64> {
+        let buffer = DepthBuffer::draw(self.columns, self.rows, &projected(mesh, &self.camera), &mesh.triangles);
+        let of_row = |row: usize| {
+            let (mut sum, mut count) = (0.0, 0_usize);
+            for column in 0..self.columns {
+                let k = row * self.columns + column;
+                let Some(seen) = buffer.at(column, row).filter(|_| self.clear[k] > 1) else {
+                    continue;
+                };
+                let made = colour(seen.triangle, seen.barycentric);
+                sum += (0..3)
+                    .map(|c| (made[c] - f64::from(self.colours[k][c])).powi(2))
+                    .sum::<f64>();
+                count += 3;
+            }
+            (sum, count)
+        };
+        let rows: Vec<(f64, usize)> = (0..self.rows).into_par_iter().map(of_row).collect();
+        let (sum, count) = rows.iter().fold((0.0, 0), |(s, n), row| (s + row.0, n + row.1));
+        (count > 0).then(|| (sum / count as f64).sqrt())
+    }
+
+    /// How many pixels a triangle covers, roughly: its area as seen, hidden or not; zero from behind.
+    pub(super) fn pixels_on(&self, corners: [[f64; 3]; 3]) -> f64 {
+        let mut at = [[0.0; 2]; 3];
+        for (to, corner) in at.iter_mut().zip(corners) {
+            match self.camera.project(corner) {
+                Some((pixel, _)) => *to = pixel,
+                None => return 0.0,
+            }
+        }
+        let [a, b, c] = at;
+        0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs()
+    }
+}
+
+fn focal(camera: &Camera) -> f64 {
+    (camera.k[(0, 0)] * camera.k[(1, 1)]).abs().sqrt()
+}
+
+fn projected(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> {
+    (mesh.positions.iter())
+        .map(|p| match camera.project(*p) {
+            // Pixel centres are at integers, the middle of the buffer's first place is at one half.
+            Some((at, depth)) => Projected {
+                at: at.map(|x| x + 0.5),
+                depth,
+            },
+            None => Projected {
+                at: [0.0; 2],
+                depth: -1.0,
+            },
+        })
+        .collect()
+}
+
+/// Distances to the nearest jump of the depth in steps to one of eight neighbours, up to [`CLEAR_PX`]; the picture's own border is none.
+fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec<u8> {
+    let at = |column: usize, row: usize| f64::from(depth[row * columns + column]);
+    let jumps = |column: usize, row: usize| {
+        let here = at(column, row);
+        if !here.is_finite() {
+            return true;
+        }
+        let most = JUMP * here / focal;
+        // Along each of four lines through the pixel; beyond the picture all goes on.
+        [(1, 0), (0, 1), (1, 1), (1, -1)].into_iter().any(|(dx, dy)| {
+            let along = |sign: i64| {
+                let (x, y) = (column as i64 + sign * dx, row as i64 + sign * dy);
+                let inside = (0..columns as i64).contains(&x) && (0..rows as i64).contains(&y);
+                inside.then(|| at(x as usize, y as usize))
+            };
+            match (along(-1), along(1)) {
+                (Some(a), Some(b)) => !(a.is_finite() && b.is_finite() && (a + b - 2.0 * here).abs() <= most),
+                (Some(a), None) | (None, Some(a)) => !a.is_finite(),
+                (None, None) => false,
+            }
+        })
+    };
+    let mut clear = vec![CLEAR_PX; depth.len()];
+    let mut queue = VecDeque::new();
+    for row in 0..rows {
+        for column in 0..columns {
+            if jumps(column, row) {
+                clear[row * columns + column] = 0;
+                queue.push_back((column, row));
+            }
+        }
+    }
+    while let Some((column, row)) = queue.pop_front() {
+        let next = clear[row * columns + column] + 1;
+        for y in row.saturating_sub(1)..(row + 2).min(rows) {
+            for x in column.saturating_sub(1)..(column + 2).min(columns) {
+                let own = &mut clear[y * columns + x];
+                if next < *own {
+                    *own = next;
+                    queue.push_back((x, y));
+                }
+            }
+        }
+    }
+    clear
+}
