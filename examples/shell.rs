@@ -42,6 +42,7 @@ fn main() -> Result<()> {
         outline_step_px: 5.0,
         believe_sigma: false,
         outputs: vec![PathBuf::from("fitted.ply")],
+        report: None,
         unit: Some(Unit::Millimetre),
     };
     let report = shell_fit_files(&job, &Silent)?;
