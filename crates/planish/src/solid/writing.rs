@@ -34,9 +34,25 @@ pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance:
             true => Some(tessellate(solid, tolerance).map_err(|e| no_mesh(&e, index + 1))?),
             false => None,
         };
+        if let Some(mesh) = &mesh {
+            refuse_coarse_numbers(job, &mesh.positions, tolerance)?;
+        }
         Ok(Prepared { solid, mesh })
     };
     solutions.iter().enumerate().map(one).collect()
+}
+
+/// STL holds 32-bit numbers: far from the origin they are farther apart than the mesh may miss the solid.
+fn refuse_coarse_numbers(job: &SolidJob, positions: &[[f64; 3]], tolerance: f64) -> Result<()> {
+    let farthest = positions.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let apart = farthest * f64::from(f32::EPSILON);
+    match job.outputs.iter().find(|output| extension(output) == "stl") {
+        Some(output) if apart > tolerance => Err(Error::unsupported(format!(
+            "{}: STL holds 32-bit numbers, which at coordinates of {farthest:.3e} are {apart:.1e} apart, more than the mesh's tolerance of {tolerance:.1e}: write .ply or .step, or draw nearer to the origin",
+            output.display()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Why no mesh is written, and what can be done: neither the drawing nor the command is wrong.
@@ -97,4 +113,32 @@ fn numbered(path: &Path, rank: usize) -> PathBuf {
     let plain = if packed { &name[..name.len() - 3] } else { &name[..] };
     let at = plain.rfind('.').unwrap_or(plain.len());
     path.with_file_name(format!("{}.{rank}{}", &name[..at], &name[at..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_solid::views::Projection;
+
+    #[test]
+    fn stl_far_from_the_origin_is_refused() {
+        let job = |output: &str| SolidJob {
+            views: Vec::new(),
+            projection: Projection::FirstAngle,
+            kinds: None,
+            level: 0.001,
+            graphs: Vec::new(),
+            outputs: vec![PathBuf::from(output)],
+            mesh_tolerance: None,
+            all: false,
+            unit: None,
+        };
+        let far = [[1e8, 1e8, 1e8], [1e8 + 40.0, 1e8, 1e8]];
+        let told = refuse_coarse_numbers(&job("part.stl"), &far, 0.02)
+            .unwrap_err()
+            .to_string();
+        assert!(told.starts_with("part.stl: STL holds 32-bit numbers"), "{told}");
+        refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
+        refuse_coarse_numbers(&job("part.stl"), &[[40.0; 3]], 0.02).unwrap();
+    }
 }

@@ -372,3 +372,26 @@ fn readings_that_are_all_of_one_place_are_refused_at_once() {
         );
     }
 }
+
+/// Of a short arc the batch is kept, whose σ is nearer to the truth there; of a whole circle the filter's answer.
+#[test]
+fn a_short_arc_is_the_batchs() {
+    let sensor = SensorOptions::around(1.0, 1.0);
+    let seen = ranges(&Kind::Circle, &[0.0, 0.0, 1.0], [0.0; 2], 400, &sensor, 3).noisy;
+    let arc: Vec<Sighting> = (seen.iter().copied())
+        .filter(|s| {
+            let [x, y] = s.point();
+            y.atan2(x).abs() < 0.7
+        })
+        .collect();
+    let of = |sightings: &[Sighting], method| {
+        let options = FitOptions {
+            method,
+            ..FitOptions::default()
+        };
+        fit(&Kind::Circle, sightings, &options).unwrap().state[2]
+    };
+    assert!(arc.len() > 50);
+    assert_eq!(of(&arc, Method::Combined), of(&arc, Method::Batch));
+    assert_ne!(of(&seen, Method::Combined), of(&seen, Method::Batch));
+}
