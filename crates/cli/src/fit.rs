@@ -151,7 +151,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     lines.line(format!(
         "{verb} a {} of {} ({}, {}) with {}.",
         fit.shape,
-        counted(fit.coefficients, "control vertex").replace("vertexs", "vertices"),
+        counted(fit.coefficients, "control vertex"),
         counted(fit.levels, "level"),
         counted(fit.cells, "cell"),
         counted(fit.observations, "reading"),
@@ -241,7 +241,7 @@ fn divided(fit: &FitReport) -> String {
     let levels: Vec<String> = (fit.refined.iter())
         .map(|level| {
             let causes: Vec<String> = level.causes.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
-            let number = counted(level.divided, what).replace("patchs", "patches");
+            let number = counted(level.divided, what);
             format!("{number} of level {} ({})", level.level, causes.join(", "))
         })
         .collect();

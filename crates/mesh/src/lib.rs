@@ -51,7 +51,7 @@ pub use merge::{
 };
 pub use mesh::{BoundingBox, TriangleMesh};
 pub use neighbours::Neighbours;
-pub use primitives::{cylinder, grid_sheet, icosphere};
+pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-use planish_estimate::vector3::{add, scale};
+use planish_estimate::vector3::{add, add_scaled, scale};
 
 use crate::mesh::TriangleMesh;
 use crate::triangle::unit_or_zero;
@@ -105,6 +105,34 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
         })
         .collect();
     TriangleMesh { positions, triangles }
+}
+
+/// A parallelepiped about `center` with the given edges, closed; outwards where the edges are right-handed. Vertex `k` lies at the end of edge `d` where bit `d` of `k` is set.
+#[must_use]
+pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
+    let corner = |k: u32| {
+        (0..3).fold(center, |p, d| {
+            let half = if k >> d & 1 == 1 { 0.5 } else { -0.5 };
+            add_scaled(p, half, edges[d])
+        })
+    };
+    TriangleMesh {
+        positions: (0..8).map(corner).collect(),
+        triangles: vec![
+            [0, 2, 1],
+            [1, 2, 3],
+            [4, 5, 6],
+            [5, 7, 6],
+            [0, 1, 4],
+            [1, 5, 4],
+            [2, 6, 3],
+            [3, 6, 7],
+            [0, 4, 2],
+            [2, 4, 6],
+            [1, 3, 5],
+            [3, 7, 5],
+        ],
+    }
 }
 
 /// A cylinder about the z axis from `−height/2` to `height/2`, of `segments` (at least 3) around and `rings` (at least

@@ -99,6 +99,19 @@ pub struct PoseReport {
     pub sigma_bias: Option<f64>,
 }
 
+impl PoseReport {
+    /// Sets the covariance of translation and rotation vector, and σ of both: the root mean square over the three axes.
+    pub(crate) fn set_covariance(&mut self, covariance: [[f64; 6]; 6]) {
+        let sigma = |from: usize| {
+            let trace: f64 = (from..from + 3).map(|k| covariance[k][k]).sum();
+            (trace / 3.0).max(0.0).sqrt()
+        };
+        self.sigma_translation = Some(sigma(0));
+        self.sigma_rotation_deg = Some(sigma(3).to_degrees());
+        self.covariance = Some(covariance);
+    }
+}
+
 /// What readings say of unknowns that whole scans share, poses and biases, beside the vertices.
 ///
 /// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan after scan. See

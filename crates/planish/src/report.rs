@@ -27,6 +27,7 @@ pub(crate) use shape::shape_page;
 pub(crate) use shell::{ShownShell, shell_page};
 pub(crate) use simulate::sphere_page;
 pub(crate) use solid::solid_page;
+pub(crate) use words::head;
 
 use crate::output::{refuse_input_as_output, refuse_same_output};
 use planish_estimate::{Error, Result};

@@ -16,7 +16,7 @@ pub use thing::ViewedFile;
 
 use crate::output::refuse_input_as_output;
 use crate::progress::{Progress, WRITING_STAGE};
-use crate::report::ReportOutput;
+use crate::report::{ReportOutput, head};
 use camera::{Camera, Frame, axes_at, axes_from};
 use canvas::Canvas;
 use legend::Legend;
@@ -275,11 +275,7 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
 
 fn with_unit(field: &Field) -> String {
     let unit = field.shown.as_ref().map_or(&field.unit, |(unit, _)| unit);
-    if unit.is_empty() {
-        field.label.clone()
-    } else {
-        format!("{} / {unit}", field.label)
-    }
+    head(&field.label, unit)
 }
 
 /// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a reference's points stand behind.

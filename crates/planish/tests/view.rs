@@ -5,7 +5,7 @@ use planish::progress::Silent;
 use planish::view::{CameraAngles, ColourBy, PictureOptions, PictureReport, ViewedFile, write_picture};
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_exchange::picture::{Picture, read_picture};
-use planish_mesh::{TriangleMesh, icosphere};
+use planish_mesh::{TriangleMesh, icosphere, parallelepiped};
 use std::path::{Path, PathBuf};
 
 const SIZE: [usize; 2] = [320, 240];
@@ -159,24 +159,7 @@ fn points_are_drawn_and_edges_stay_sharp() {
     assert!(report.covered > 0.15, "{}", report.covered);
     assert!(covered(&picture, 105).len() > 60);
     // A cube that has each corner once: its faces are of one brightness each, up to their edges.
-    let cube = TriangleMesh::try_new(
-        (0..8).map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from)).collect(),
-        vec![
-            [0, 2, 1],
-            [1, 2, 3],
-            [4, 5, 6],
-            [5, 7, 6],
-            [0, 1, 4],
-            [1, 5, 4],
-            [2, 6, 3],
-            [3, 6, 7],
-            [0, 4, 2],
-            [2, 4, 6],
-            [1, 3, 5],
-            [3, 7, 5],
-        ],
-    )
-    .unwrap();
+    let cube = parallelepiped([0.5; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
     let path = write(folder.path(), "cube.stl", &cube, &[]);
     let (_, picture) = seen(&path, None, "top", Some(ColourBy::Plain)).unwrap();
     let columns = covered(&picture, 100);

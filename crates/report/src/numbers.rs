@@ -40,10 +40,16 @@ pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// `1 scan`, `2 scans`.
+/// `1 scan`, `2 scans`; `2 patches`, `2 vertices`.
 #[must_use]
 pub fn counted(n: usize, what: &str) -> String {
-    format!("{} {what}{}", count(n), if n == 1 { "" } else { "s" })
+    let many = match what.strip_suffix("ex") {
+        _ if n == 1 => what.to_owned(),
+        Some(stem) => format!("{stem}ices"),
+        None if what.ends_with("ch") => format!("{what}es"),
+        None => format!("{what}s"),
+    };
+    format!("{} {many}", count(n))
 }
 
 #[cfg(test)]
@@ -68,5 +74,9 @@ mod tests {
             ["7", "1234", "12 345", "1 234 567"]
         );
         assert_eq!([counted(1, "face"), counted(2, "face")], ["1 face", "2 faces"]);
+        assert_eq!(
+            [counted(1, "patch"), counted(2, "patch"), counted(2, "control vertex")],
+            ["1 patch", "2 patches", "2 control vertices"]
+        );
     }
 }

@@ -543,14 +543,7 @@ impl SharedEstimate {
             report.turned_deg = Some(norm(back.rotation_vector()).to_degrees());
             report.translation = add(self.pose.translation, origin);
             report.quaternion_xyzw = self.pose.quaternion_xyzw();
-            let sigma = |from: usize| {
-                ((0..3).map(|k| covariance[from + k][from + k]).sum::<f64>() / 3.0)
-                    .max(0.0)
-                    .sqrt()
-            };
-            report.sigma_translation = Some(sigma(0));
-            report.sigma_rotation_deg = Some(sigma(ROTATION).to_degrees());
-            report.covariance = Some(*covariance);
+            report.set_covariance(*covariance);
             report.undetermined.clone_from(&self.undetermined);
         }
         if let Some((bias, sigma)) = self.bias {

@@ -103,10 +103,9 @@ pub(super) fn align(
     names: &[String],
     progress: &dyn Progress,
 ) -> Result<(Vec<PoseReport>, Vec<String>)> {
-    let found = motions(patches, searches, names, progress)?;
-    let mut warnings = found.warnings;
+    let (motions, mut warnings) = motions(patches, searches, names, progress)?;
     let mut reports = Vec::with_capacity(patches.len());
-    for (k, (patch, motion)) in patches.iter_mut().zip(&found.motions).enumerate() {
+    for (k, (patch, motion)) in patches.iter_mut().zip(motions).enumerate() {
         let pose = motion.pose;
         let (mut square, count) = (0.0, patch.mesh.positions.len().max(1) as f64);
         for p in &mut patch.mesh.positions {
@@ -120,12 +119,6 @@ pub(super) fn align(
         if let Some(covariance) = &motion.covariance {
             add_pose_variance(patch, covariance, pose.translation);
         }
-        let sigma = |from: usize| {
-            let trace = motion
-                .covariance
-                .map(|c| (from..from + 3).map(|a| c[a][a]).sum::<f64>());
-            trace.map(|trace| (trace / 3.0).sqrt())
-        };
         if !motion.undetermined.is_empty() {
             warnings.push(format!(
                 "the overlaps leave {} of the six directions of {} open: there it stays where it was (see `undetermined` of its pose in the JSON); what is shared may be \
@@ -134,24 +127,28 @@ pub(super) fn align(
                 names[k]
             ));
         }
-        reports.push(PoseReport {
+        let mut report = PoseReport {
             scan: names[k].clone(),
             translation: pose.translation,
             quaternion_xyzw: pose.quaternion_xyzw(),
-            sigma_translation: sigma(0),
-            sigma_rotation_deg: sigma(3).map(f64::to_degrees),
-            covariance: motion.covariance,
-            undetermined: motion.undetermined.clone(),
+            undetermined: motion.undetermined,
             moved: (k > 0).then(|| square.sqrt()),
             turned_deg: (k > 0).then(|| norm(pose.rotation_vector()).to_degrees()),
             ..PoseReport::default()
-        });
+        };
+        if let Some(covariance) = motion.covariance {
+            report.set_covariance(covariance);
+        }
+        reports.push(report);
     }
     Ok((reports, warnings))
 }
 
 /// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused afterwards it counts like an error of each vertex alone.
 fn add_pose_variance(patch: &mut Patch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
+    if patch.sigma.is_empty() {
+        return;
+    }
     let normals = patch.mesh.vertex_normals();
     for ((p, n), sigma) in (patch.mesh.positions.iter().zip(normals)).zip(&mut patch.sigma) {
         let [a, b, c] = cross(sub(*p, origin), n);
@@ -172,12 +169,13 @@ struct Motion {
     undetermined: Vec<[f64; 6]>,
 }
 
-struct Motions {
-    motions: Vec<Motion>,
-    warnings: Vec<String>,
-}
-
-fn motions(patches: &[Patch], searches: &[MeshSearch], names: &[String], progress: &dyn Progress) -> Result<Motions> {
+/// The motions of all patches, and what a user should know.
+fn motions(
+    patches: &[Patch],
+    searches: &[MeshSearch],
+    names: &[String],
+    progress: &dyn Progress,
+) -> Result<(Vec<Motion>, Vec<String>)> {
     let mut sides: Vec<Side> = (patches.iter().zip(searches))
         .map(|(patch, search)| side(patch, search))
         .collect();
@@ -231,7 +229,7 @@ fn motions(patches: &[Patch], searches: &[MeshSearch], names: &[String], progres
                 .map(|k| motion(k, &sides, &rows, &covariances, &hold))
                 .collect();
             warnings.extend(not_told(&sides, &rows, names));
-            return Ok(Motions { motions, warnings });
+            return Ok((motions, warnings));
         }
     }
     unreachable!("the last round returns")

@@ -61,7 +61,7 @@ pub(crate) fn fit_page(
         headline: format!(
             "{verb} a {} of {} with {}. Half of what was measured is known to better than {}.",
             report.shape,
-            counted(report.coefficients, "control vertex").replace("vertexs", "vertices"),
+            counted(report.coefficients, "control vertex"),
             counted(report.observations, "reading"),
             length(report.sigma.median),
         ),

@@ -73,7 +73,7 @@ fn merge_page(merged: &Merged) -> Page {
         title: title_of(&report.inputs),
         headline: format!(
             "{} made one surface of {}.",
-            counted(report.patches.len(), "patch").replace("patchs", "patches"),
+            counted(report.patches.len(), "patch"),
             counted(report.triangles, "triangle")
         ),
         findings: findings(report),

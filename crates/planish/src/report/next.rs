@@ -4,7 +4,7 @@ use super::fit::next_table;
 use super::model::{model_scene, next_marks};
 use super::words::{SmallUnit, head};
 use crate::model::SurfaceModel;
-use crate::next::{NextReport, ViewsReport};
+use crate::next::{Change, NextReport, ViewsReport};
 use planish_estimate::vector3::{add_scaled, distance, scale};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
@@ -15,6 +15,15 @@ use std::path::Path;
 
 /// Lines of sight of a view are drawn so long, over the diagonal of the model's box.
 const SIGHT: f64 = 0.3;
+
+/// What a σ comes to, and from what.
+fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
+    Figure::new(
+        what,
+        unit.text(sigma.after),
+        format!("from {}", unit.text(sigma.before)),
+    )
+}
 
 /// The page of points to measure.
 pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) -> Result<Page> {
@@ -55,7 +64,6 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
             unit.text(*median)
         )));
     }
-    let change = |c: crate::next::Change| format!("from {}", unit.text(c.before));
     Ok(Page {
         job: "next".to_owned(),
         title: super::file_name(name),
@@ -67,12 +75,8 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
         ),
         findings,
         figures: vec![
-            Figure::new(
-                "largest σ then",
-                unit.text(next.worst_sigma.after),
-                change(next.worst_sigma),
-            ),
-            Figure::new("mean σ then", unit.text(next.mean_sigma.after), change(next.mean_sigma)),
+            change("largest σ then", next.worst_sigma, unit),
+            change("mean σ then", next.mean_sigma, unit),
             Figure::new(
                 "gain",
                 format!("{} ×", significant(next.worst_sigma.before / next.worst_sigma.after, 3)),
@@ -131,7 +135,6 @@ pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &View
             false,
         );
     }
-    let change = |c: crate::next::Change| format!("from {}", unit.text(c.before));
     Ok(Page {
         job: "next".to_owned(),
         title: super::file_name(name),
@@ -143,8 +146,8 @@ pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &View
         ),
         findings,
         figures: vec![
-            Figure::new("largest σ then", unit.text(next.worst_sigma.after), change(next.worst_sigma)),
-            Figure::new("mean σ then", unit.text(next.mean_sigma.after), change(next.mean_sigma)),
+            change("largest σ then", next.worst_sigma, unit),
+            change("mean σ then", next.mean_sigma, unit),
             Figure::new(
                 "seen",
                 percent(next.views.last().map_or(0.0, |view| view.seen_so_far)),

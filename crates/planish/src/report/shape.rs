@@ -6,7 +6,7 @@ use super::title_of;
 use crate::contour::ContourReport;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, TriangleMesh, icosphere};
+use planish_mesh::{BoundingBox, TriangleMesh, icosphere, parallelepiped};
 use planish_report::{Cloud, FieldKind, Page, Scene, Section, SurfaceShown};
 use planish_solid::primitive::{PrimitiveFit, Shape};
 use std::path::{Path, PathBuf};
@@ -127,30 +127,8 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
             TriangleMesh::try_new(positions.collect(), triangles.collect())
         }
         Shape::Box => {
-            let axes = [6, 9, 12].map(place);
-            let corners = (0..8_u32).map(|corner| {
-                (0..3).fold(place(0), |p, d| {
-                    let half = if corner >> d & 1 == 1 { 0.5 } else { -0.5 };
-                    add_scaled(p, half * number(3 + d), axes[d])
-                })
-            });
-            TriangleMesh::try_new(
-                corners.collect(),
-                vec![
-                    [0, 2, 1],
-                    [1, 2, 3],
-                    [4, 5, 6],
-                    [5, 7, 6],
-                    [0, 1, 4],
-                    [1, 5, 4],
-                    [2, 6, 3],
-                    [3, 6, 7],
-                    [0, 4, 2],
-                    [2, 4, 6],
-                    [1, 3, 5],
-                    [3, 7, 5],
-                ],
-            )
+            let edges = [0, 1, 2].map(|d| scale(number(3 + d), place(6 + 3 * d)));
+            Ok(parallelepiped(place(0), edges))
         }
     }
 }

@@ -34,7 +34,7 @@ impl<'a> SmallUnit<'a> {
     }
 
     /// A table's head: `rms / mm`.
-    pub(super) fn head(self, what: &str) -> String {
+    pub(crate) fn head(self, what: &str) -> String {
         head(what, self.name)
     }
 
@@ -45,7 +45,7 @@ impl<'a> SmallUnit<'a> {
 }
 
 /// A table's head with its unit, where there is one: `length / mm`.
-pub(super) fn head(what: &str, unit: &str) -> String {
+pub(crate) fn head(what: &str, unit: &str) -> String {
     if unit.is_empty() {
         what.to_owned()
     } else {

@@ -4,9 +4,9 @@ use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 use planish_sense::Silhouette;
 use planish_shell::Camera;
 
-/// Which pixels a mesh covers.
-pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows: usize) -> Vec<bool> {
-    let corners: Vec<Projected> = (mesh.positions.iter())
+/// The vertices of a mesh as a depth buffer takes them.
+pub(super) fn projected(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> {
+    (mesh.positions.iter())
         .map(|p| match camera.project(*p) {
             // Pixel centres are at integers, the middle of the buffer's first place is at one half.
             Some((at, depth)) => Projected {
@@ -18,8 +18,12 @@ pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows
                 depth: -1.0,
             },
         })
-        .collect();
-    let buffer = DepthBuffer::draw(columns, rows, &corners, &mesh.triangles);
+        .collect()
+}
+
+/// Which pixels a mesh covers.
+pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows: usize) -> Vec<bool> {
+    let buffer = DepthBuffer::draw(columns, rows, &projected(mesh, camera), &mesh.triangles);
     (0..columns * rows)
         .map(|k| buffer.at(k % columns, k / columns).is_some())
         .collect()

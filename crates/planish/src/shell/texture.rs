@@ -25,6 +25,7 @@ use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_exchange::views::{ViewFile, read_views};
 use planish_exchange::{Unit, extension};
 use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_report::colour::linear_light;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -466,15 +467,6 @@ impl Texture {
     }
 }
 
-/// What a picture's value from 0 to 255 is as linear light from 0 to 1 (IEC 61966-2-1).
-fn linear(value: f64) -> f64 {
-    let share = (value / 255.0).clamp(0.0, 1.0);
-    match share <= 0.04045 {
-        true => share / 12.92,
-        false => ((share + 0.055) / 1.055).powf(2.4),
-    }
-}
-
 /// Writes one file, and what belongs to it.
 fn write(path: &Path, file: &TexturedMesh, coloured: &Coloured, texture: Option<&Texture>) -> Result<Vec<PathBuf>> {
     let stated = |name: &str| file.columns.iter().find(|(n, _)| n == name).map(|(_, c)| &c[..]);
@@ -512,6 +504,8 @@ fn write(path: &Path, file: &TexturedMesh, coloured: &Coloured, texture: Option<
             )?;
         }
         (_, None) => {
+            // glTF has linear light from 0 to 1.
+            let linear = |value: f64| linear_light((value / 255.0).clamp(0.0, 1.0));
             let colours: Vec<[f64; 3]> = coloured.colours.iter().map(|c| c.map(linear)).collect();
             write_posed(
                 path,

@@ -75,7 +75,7 @@ impl Thing {
             Compared::Surface(model) => format!(
                 "A {} of {}.",
                 model.surface.space().shape().name(),
-                counted(model.surface.vertices().len(), "control vertex").replace("vertexs", "vertices")
+                counted(model.surface.vertices().len(), "control vertex")
             ),
             Compared::Mesh(mesh) => format!(
                 "A mesh of {} and {} vertices.",

@@ -7,9 +7,10 @@
 //!
 //! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and shadows are taken for colours.
 
+use crate::shell::overlap::projected;
 use planish_estimate::vector3::{dot, sub, unit};
 use planish_exchange::picture::Picture;
-use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
+use planish_mesh::{DepthBuffer, TriangleMesh};
 use planish_shell::Camera;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -165,22 +166,6 @@ impl ColourView {
 
 fn focal(camera: &Camera) -> f64 {
     (camera.k[(0, 0)] * camera.k[(1, 1)]).abs().sqrt()
-}
-
-fn projected(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> {
-    (mesh.positions.iter())
-        .map(|p| match camera.project(*p) {
-            // Pixel centres are at integers, the middle of the buffer's first place is at one half.
-            Some((at, depth)) => Projected {
-                at: at.map(|x| x + 0.5),
-                depth,
-            },
-            None => Projected {
-                at: [0.0; 2],
-                depth: -1.0,
-            },
-        })
-        .collect()
 }
 
 /// Distances to the nearest jump of the depth in steps to one of eight neighbours, up to [`CLEAR_PX`]; the picture's own border is none.
