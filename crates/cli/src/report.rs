@@ -3,7 +3,7 @@
 use crate::args::{Cli, CommonArgs};
 use crate::failure;
 use crate::numbers::{count, significant};
-use crate::progress::Terminal;
+use crate::progress::{Audience, Terminal};
 use clap::CommandFactory;
 use planish::model::{PoseReport, SensorReport};
 use planish::progress::Progress;
@@ -139,7 +139,7 @@ fn said<B: Serialize>(
 
 /// Prints the help or version that was asked for, or what is wrong with a command line; returns the exit code.
 ///
-/// Programs that ask for `--json` are told in JSON, as of every other failure.
+/// Programs that ask for `--json` are told in JSON, as of every other failure, and those that ask for `--progress json` hear of the end.
 pub fn not_understood(error: &clap::Error) -> u8 {
     // Nothing can be done where stderr itself is closed.
     let _ = error.print();
@@ -172,7 +172,13 @@ pub fn not_understood(error: &clap::Error) -> u8 {
         // The exit code says enough where stdout is closed.
         let _ = print_json(&object);
     }
-    if wrong { ErrorKind::Input.exit_code() } else { 0 }
+    let code = if wrong { ErrorKind::Input.exit_code() } else { 0 };
+    let words: Vec<_> = std::env::args_os().collect();
+    let asks = |pair: &[std::ffi::OsString]| pair[0] == "--progress" && pair[1] == "json";
+    if wrong && (words.windows(2).any(asks) || words.iter().any(|word| word == "--progress=json")) {
+        Terminal::new(Audience::Program).finished(code);
+    }
+    code
 }
 
 /// The command that a command line begins with, as far as it is one.

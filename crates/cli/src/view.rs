@@ -9,7 +9,7 @@ use planish::compare::CompareOptions;
 use planish::progress::{Progress, SHOWING_STAGE};
 use planish::report::ReportOutput;
 use planish::view::{PictureOptions, PictureReport, ViewedFile, check_picture, view_page, write_picture};
-use planish::{Result, Unit};
+use planish::{Error, Result, Unit};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -56,6 +56,7 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     };
     match &args.output {
         Some(path) if is_page(path) => {
+            refuse_picture_options(args, path)?;
             page.check(&inputs, &[])?;
             let made = view_page(&viewed, &page, progress)?;
             page.write_text(&made.html)?;
@@ -87,6 +88,23 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             let asked = server.serve(&made.html, || progress.interrupted())?;
             Ok(of_page(made, Some(url), asked, Lines::default(), Vec::new()))
         }
+    }
+}
+
+/// A page is turned and coloured by who looks at it.
+fn refuse_picture_options(args: &ViewArgs, path: &Path) -> Result<()> {
+    let given = [
+        ("--color", args.color.is_some()),
+        ("--camera", args.camera.is_some()),
+        ("--up", args.up.is_some()),
+        ("--size", args.size.is_some()),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(Error::unsupported(format!(
+            "{}: {option} is for pictures (.png); a page is turned and coloured by who looks at it",
+            path.display()
+        ))),
+        None => Ok(()),
     }
 }
 
@@ -130,12 +148,12 @@ fn picture(
         camera: args.camera,
         up: args.up,
         colour: args.color.map(Into::into),
-        size: args.size,
+        size: args.size.unwrap_or(PictureOptions::default().size),
     };
     let report = write_picture(viewed, &options, path, progress)?;
     let mut lines = Lines::default();
     lines.line(format!("{}: {}", args.file.display(), report.what));
-    let unit = report.unit.map_or("", Unit::name);
+    let unit = &report.color_unit;
     let colours = match report.color_range {
         Some([low, high]) => format!(
             "{} from {} to {} {unit}",

@@ -82,15 +82,16 @@ pub struct ViewArgs {
     #[arg(long, value_name = "AXIS", value_parser = clap::value_parser!(Up), allow_hyphen_values = true, help_heading = "Picture",
           requires = "output")]
     pub up: Option<Up>,
-    /// Columns and rows
-    #[arg(long, value_name = "WxH", value_parser = pixels, default_value = "1280x960", help_heading = "Picture")]
-    pub size: [usize; 2],
+    /// Columns and rows [default: 1280x960]
+    #[arg(long, value_name = "WxH", value_parser = pixels, help_heading = "Picture", requires = "output")]
+    pub size: Option<[usize; 2]>,
 
     /// Colour a model by its deviations from this mesh or these points, as `planish compare` finds them
     #[arg(long, value_name = "REFERENCE", value_hint = ValueHint::FilePath, help_heading = "Deviations")]
     pub reference: Option<PathBuf>,
     /// Which part of the model is compared
-    #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured, help_heading = "Deviations")]
+    #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured, help_heading = "Deviations",
+          requires = "reference")]
     pub part: PartName,
 
     /// Port of the page on this computer [default: one that is free]

@@ -103,6 +103,8 @@ pub struct PictureReport {
     pub color: String,
     /// Values of the first and of the last colour, in the unit of the file; none of kinds.
     pub color_range: Option<[f64; 2]>,
+    /// Their unit, as `mm` or `1/mm²`; empty where it is not known.
+    pub color_unit: String,
     /// Columns and rows.
     pub size: [usize; 2],
     /// Share of the picture that the thing covers.
@@ -159,15 +161,20 @@ pub fn write_picture(
     let drawn = drawn(&thing, options).map_err(|e| e.in_context(viewed.file.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
     write_colour_png(path, options.size, &drawn.canvas.bytes())?;
+    let mut warnings = thing.warnings;
+    if drawn.covered <= 0.0 {
+        warnings.push("the picture is empty: what is there has no size, or is seen from its edge".to_owned());
+    }
     Ok(PictureReport {
         unit: thing.unit,
         inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
         what: thing.headline,
         color: drawn.key,
         color_range: drawn.range,
+        color_unit: drawn.unit,
         size: options.size,
         covered: drawn.covered,
-        warnings: thing.warnings,
+        warnings,
     })
 }
 
@@ -222,6 +229,7 @@ struct Drawn {
     canvas: Canvas,
     key: String,
     range: Option<[f64; 2]>,
+    unit: String,
     covered: f64,
 }
 
@@ -269,6 +277,7 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
             Some(Scale::Range(range)) => Some([range.low, range.high]),
             _ => None,
         },
+        unit: field.map_or(String::new(), |f| f.unit.clone()),
         covered,
     })
 }
@@ -294,7 +303,7 @@ fn fields(thing: &Thing) -> impl Iterator<Item = &Field> {
 fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field>> {
     let find = |key: &str| fields(thing).find(|field| field.key == key);
     match colour {
-        None => Ok(find("deviation").or_else(|| fields(thing).next())),
+        None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(thing).next())),
         Some(ColourBy::Plain) => Ok(None),
         Some(ColourBy::Normal) => {
             let has_surface = thing.scene.surfaces.iter().any(|s| !s.hidden);

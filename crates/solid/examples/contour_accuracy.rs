@@ -55,6 +55,7 @@ fn main() {
                 ("batch", Method::Batch, true, None),
                 ("batch-uncorrected", Method::Batch, false, None),
                 ("nuiekf-margin", Method::NoiseUpdated, true, Some(2.0)),
+                ("auto", Method::Combined, true, None),
                 ("batch-margin", Method::Batch, true, Some(2.0)),
             ];
             // Few readings all count.

@@ -13,6 +13,7 @@
 //! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
 //! | likelihood | how likely readings are whose places on an outline are not known |
+//! | marginal, combined | the outline for which they are most likely, after the batch |
 //! | plausible | whether corners are corners, and a fit is where the readings are |
 //! | choose | several kinds, and the one of the least BIC |
 //! | simulated | readings of contours that are known exactly |
@@ -32,6 +33,7 @@ mod held;
 mod joints;
 mod kind;
 mod likelihood;
+mod marginal;
 mod parts;
 mod plausible;
 mod recursive;

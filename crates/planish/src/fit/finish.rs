@@ -255,7 +255,8 @@ pub(super) fn finish(
         &rejected,
         total,
     );
-    if sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
+    // Sensors of earlier sessions alone are not among these.
+    if absorbed.is_none() && sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
         warnings.push(
             "σ of the surface is less than all readings together could make it: the surface is folded, and none of its figures holds; \
              give another --shape, or normals"

@@ -1,7 +1,7 @@
 //! The report of contours.
 
 use super::title_of;
-use super::words::{head, looks};
+use super::words::{head, looks, with_article};
 use crate::contour::{ConstrainedReport, ContourReport, PartReport};
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
@@ -16,7 +16,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
     let mut sections = Vec::new();
     for (k, part) in report.contours.iter().enumerate() {
         let title = match report.contours.len() {
-            1 => format!("A {}", part.kind),
+            1 => with_article(&part.kind),
             _ => format!("Contour {}: {}", k + 1, part.kind),
         };
         sections.push(Section::new(title, part_blocks(part, unit)));

@@ -2,7 +2,7 @@
 
 use super::model::{model_scene, next_marks};
 use super::title_of;
-use super::words::{SmallUnit, sentence};
+use super::words::{SmallUnit, sentence, with_article};
 use crate::fit::{Fit, FitReport, FitTermination, ScanFigures};
 use crate::model::SensorReport;
 use crate::next::{NextOptions, NextReport, next_points};
@@ -365,8 +365,8 @@ fn concluded(report: &FitReport) -> Option<Section> {
     if let Some(symmetry) = &found.symmetry {
         blocks.push(Block::Text(match symmetry.is_found() {
             true => format!(
-                "A {} was found: {} of {} pieces of the cloud agree.",
-                symmetry.kind,
+                "{} was found: {} of {} pieces of the cloud agree.",
+                with_article(&symmetry.kind.to_string()),
                 count(symmetry.agreeing),
                 count(symmetry.compared)
             ),

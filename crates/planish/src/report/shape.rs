@@ -3,6 +3,7 @@
 use super::contour::{figures, findings, headline, part_blocks};
 use super::model::{kinds, numbers};
 use super::title_of;
+use super::words::with_article;
 use crate::contour::ContourReport;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
@@ -69,7 +70,7 @@ pub(crate) fn shape_page(
         }),
         drawings: Vec::new(),
         sections: (report.contours.iter())
-            .map(|part| Section::new(format!("A {}", part.kind), part_blocks(part, unit)))
+            .map(|part| Section::new(with_article(&part.kind), part_blocks(part, unit)))
             .collect(),
     })
 }

@@ -3,6 +3,12 @@
 use planish_report::numbers::significant;
 use planish_report::{Finding, Level};
 
+/// With `A` or `An` before it.
+pub(super) fn with_article(name: &str) -> String {
+    let an = name.starts_with(['a', 'e', 'i', 'o', 'u']);
+    format!("{} {name}", if an { "An" } else { "A" })
+}
+
 /// A unit in which small lengths read well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SmallUnit<'a> {

@@ -134,18 +134,6 @@ impl Thing {
         let step = all.points.len().div_ceil(most);
         let some = || (0..all.points.len()).step_by(step);
         let mut fields = Vec::new();
-        if set.scans.len() > 1 {
-            let names = set.scans.iter().enumerate();
-            let of_point: Vec<u16> = (names.clone())
-                .flat_map(|(k, posed)| std::iter::repeat_n(k as u16, posed.scan.points.len()))
-                .collect();
-            fields.push(kinds(
-                "scan",
-                "scan",
-                FieldKind::Categories(names.map(|(k, posed)| (k as u16, posed.scan.name.clone())).collect()),
-                some().map(|k| of_point[k]).collect(),
-            ));
-        }
         let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
         if let Some(covariance) = &all.covariance {
             let (label, sigma): (_, Vec<f64>) = match normals {
@@ -164,6 +152,18 @@ impl Thing {
             };
             let known = sigma.iter().map(|s| if *s > 0.0 { *s } else { f64::NAN }).collect();
             fields.push(numbers("sigma", label, name, FieldKind::Sequential, known));
+        }
+        if set.scans.len() > 1 {
+            let names = set.scans.iter().enumerate();
+            let of_point: Vec<u16> = (names.clone())
+                .flat_map(|(k, posed)| std::iter::repeat_n(k as u16, posed.scan.points.len()))
+                .collect();
+            fields.push(kinds(
+                "scan",
+                "scan",
+                FieldKind::Categories(names.map(|(k, posed)| (k as u16, posed.scan.name.clone())).collect()),
+                some().map(|k| of_point[k]).collect(),
+            ));
         }
         let heights = some().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));

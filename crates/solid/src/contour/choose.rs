@@ -1,6 +1,6 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as good.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, rough};
+use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, polish, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
 use super::start::chain_starts;
@@ -151,7 +151,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     let Some(simplest) = simplest else {
         return Err(last.unwrap_or_else(|| Error::undetermined("no kind of contour was tried")));
     };
-    let best = found.swap_remove(simplest);
+    let chosen = found.swap_remove(simplest);
     let mut alternatives: Vec<Alternative> = found
         .into_iter()
         .map(|one| Alternative {
@@ -165,8 +165,8 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     }));
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {
-        bic_margin: alternatives.first().map(|a| a.bic - best.bic()),
-        fit: best,
+        bic_margin: alternatives.first().map(|a| a.bic - chosen.bic()),
+        fit: polish(chosen, sightings, options)?,
         alternatives,
     })
 }

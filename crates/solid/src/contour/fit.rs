@@ -30,7 +30,7 @@ pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// All readings at once, and of curved kinds (circle, ellipse, slot) a noise-updated filter on those that are not wild, which has less bias.
+    /// All readings at once, then the most likely contour where it is not known from which place on it each of them is.
     Combined,
     /// All readings at once.
     Batch,
@@ -137,10 +137,28 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
 pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
-    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)
+    let found = fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)?;
+    polish(found, sightings, options)
 }
 
-/// As [`fit`], from a start that a rough fit has brought near.
+/// The last of the estimate, once the kind is known.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn polish(found: ContourFit, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+    if options.method != Method::Combined {
+        return Ok(found);
+    }
+    let sightings = &own_poses(sightings)[..];
+    let setting = with_held(
+        &setting(&found.kind, sightings, options)?,
+        sightings,
+        found.state.as_slice(),
+    );
+    combined(&setting, sightings, found, options)
+}
+
+/// As [`fit`], from a start that a rough fit has brought near, and without the last of it.
 ///
 /// # Errors
 /// As [`fit`].
@@ -442,8 +460,7 @@ fn fit_from(
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
-        Method::Combined => combined(setting, sightings, start, options, thresholds),
-        Method::Batch => batch(setting, sightings, start, options, thresholds),
+        Method::Batch | Method::Combined => batch(setting, sightings, start, options, thresholds),
         _ => recursive(setting, sightings, start, options),
     }
 }

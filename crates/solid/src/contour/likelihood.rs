@@ -24,10 +24,17 @@ const LEAST_STEP: f64 = 1e-4;
 const MOST_COMPARED: usize = 1000;
 
 /// A point that was seen, in the frame of the thing.
-struct Spot {
-    point: [f64; 2],
+pub(super) struct Spot {
+    pub(super) point: [f64; 2],
     /// `[xx, xy, yy]`.
-    covariance: [f64; 3],
+    pub(super) covariance: [f64; 3],
+}
+
+impl Spot {
+    /// Of both coordinates together.
+    pub(super) fn variance(&self) -> f64 {
+        self.covariance[0] + self.covariance[2]
+    }
 }
 
 /// A piece of an outline.
@@ -100,7 +107,7 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
     let share = TAU.sqrt() * around / length;
     let each = spots.iter().map(|spot| {
         let density: f64 = strokes.iter().map(|stroke| stroke.density(spot)).sum();
-        let sigma = (spot.covariance[0] + spot.covariance[2]).sqrt();
+        let sigma = spot.variance().sqrt();
         (share * sigma * density + wild).ln()
     });
     Placed {
@@ -121,7 +128,7 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
 }
 
 /// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in a part that is wider than `gap`.
-fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
+pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
         let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
@@ -257,8 +264,94 @@ impl Stroke {
         }
     }
 
+    /// The part of it between two shares.
+    pub(super) fn part(&self, low: f64, high: f64) -> Self {
+        match *self {
+            Self::Straight(_) => Self::Straight([self.at(low), self.at(high)]),
+            Self::Round {
+                center,
+                semi,
+                turn,
+                from,
+                sweep,
+            } => Self::Round {
+                center,
+                semi,
+                turn,
+                from: from + low * sweep,
+                sweep: (high - low) * sweep,
+            },
+        }
+    }
+
+    /// The point of it that is nearest to `p`.
+    pub(super) fn nearest(&self, p: [f64; 2]) -> [f64; 2] {
+        match self {
+            Self::Straight([a, b]) => {
+                let e = [b[0] - a[0], b[1] - a[1]];
+                let squared = (e[0] * e[0] + e[1] * e[1]).max(f64::MIN_POSITIVE);
+                self.at((((p[0] - a[0]) * e[0] + (p[1] - a[1]) * e[1]) / squared).clamp(0.0, 1.0))
+            }
+            Self::Round {
+                center,
+                semi,
+                turn,
+                from,
+                sweep,
+            } => {
+                let d = [p[0] - center[0], p[1] - center[1]];
+                let q = [turn[0] * d[0] + turn[1] * d[1], turn[0] * d[1] - turn[1] * d[0]];
+                // Newton's steps on the angle, from that of the scaled point; each no longer than an eighth of a turn.
+                let mut t = foot(p, *center, *semi, *turn);
+                for _ in 0..20 {
+                    let (sin, cos) = t.sin_cos();
+                    let e = [semi[0] * cos - q[0], semi[1] * sin - q[1]];
+                    let by = [-semi[0] * sin, semi[1] * cos];
+                    let slope = e[0] * by[0] + e[1] * by[1];
+                    let bend = by[0] * by[0] + by[1] * by[1] - e[0] * semi[0] * cos - e[1] * semi[1] * sin;
+                    let step = (slope / bend.abs().max(1e-300)).clamp(-PI / 4.0, PI / 4.0);
+                    t -= step;
+                    if step.abs() < 1e-12 {
+                        break;
+                    }
+                }
+                // As a share of the sweep, from its middle.
+                let middle = from + 0.5 * sweep;
+                let off = t - middle - TAU * ((t - middle) / TAU).round();
+                self.at((0.5 + off / sweep).clamp(0.0, 1.0))
+            }
+        }
+    }
+
+    /// The length between two shares.
+    pub(super) fn length(&self, low: f64, high: f64) -> f64 {
+        match self {
+            Self::Straight([a, b]) => (high - low) * (b[0] - a[0]).hypot(b[1] - a[1]),
+            Self::Round {
+                semi: [a, b],
+                from,
+                sweep,
+                ..
+            } => {
+                // Gauss and Legendre's rule for three places, of as many parts as an eighth of a turn needs.
+                let count = ((high - low) * sweep.abs() / 0.4).ceil().max(1.0);
+                let width = (high - low) / count;
+                let speed = |share: f64| {
+                    let (sin, cos) = (from + share * sweep).sin_cos();
+                    (a * sin).hypot(b * cos)
+                };
+                let of = |k: usize| {
+                    let middle = low + (k as f64 + 0.5) * width;
+                    let off = 0.5 * width * 0.6f64.sqrt();
+                    (5.0 * speed(middle - off) + 8.0 * speed(middle) + 5.0 * speed(middle + off)) / 18.0
+                };
+                (0..count as usize).map(of).sum::<f64>() * width * sweep.abs()
+            }
+        }
+    }
+
     /// `∫ N(z; p(s), C) ds` along the piece.
-    fn density(&self, spot: &Spot) -> f64 {
+    pub(super) fn density(&self, spot: &Spot) -> f64 {
         match self {
             Self::Straight(ends) => chord(ends, spot),
             Self::Round {

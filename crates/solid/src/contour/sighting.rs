@@ -4,6 +4,7 @@ use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
 use super::held::Held;
 use super::kind::Kind;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +81,45 @@ impl Sighting {
             }
             Target::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
         }
+    }
+}
+
+impl Sighting {
+    /// The same measurement, carried along so that it is of the point `to`.
+    pub(super) fn moved_to(&self, to: [f64; 2]) -> Self {
+        let from = self.point();
+        let mut moved = *self;
+        let place = match &mut moved.target {
+            Target::Range { origin, .. } => origin,
+            Target::Point { position, .. } => position,
+        };
+        for k in 0..2 {
+            place[k] += to[k] - from[k];
+        }
+        moved
+    }
+
+    /// With an error of so many σ in `x`, `y`, the heading or the range; of a point, heading and range are `x` and `y` again.
+    pub(super) fn with_error(&self, axis: usize, sigmas: f64) -> Self {
+        let mut made = *self;
+        match &mut made.target {
+            Target::Range {
+                origin,
+                heading_rad,
+                range,
+                sigma,
+            } => {
+                let by = sigmas * sigma[axis];
+                match axis {
+                    0 | 1 => origin[axis] += by,
+                    2 => *heading_rad += by,
+                    _ => *range += by,
+                }
+            }
+            // Two axes, each twice as often: errors of √2 σ rather than √4.
+            Target::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
+        }
+        made
     }
 }
 
