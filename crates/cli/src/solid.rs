@@ -103,6 +103,16 @@ fn text(report: &SolidReport) -> String {
             if others == 1 { "s" } else { "" },
         ));
     }
+    for dropped in &report.dropped {
+        lines.line(match dropped.count {
+            1 => format!("1 more candidate is no solid: {}.", dropped.first),
+            n => format!(
+                "{} more candidates are no solids; of the first, {}.",
+                count(n),
+                dropped.first
+            ),
+        });
+    }
     lines.gap();
     let rows: Vec<Vec<String>> = report
         .solutions

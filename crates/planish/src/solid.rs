@@ -20,7 +20,7 @@ use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
 pub use planish_solid::views::{Projection, ViewKind};
-use planish_solid::views::{Solution, solve};
+use planish_solid::views::{Rejected, Rejection, Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -107,6 +107,17 @@ pub struct RefusedSolid {
     pub differences: Vec<UnexplainedLine>,
 }
 
+/// Candidates that show the lines of the drawing, as far as the search can tell, and are no solids: they are not written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct DroppedCandidates {
+    /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit together.
+    pub why: &'static str,
+    /// How many.
+    pub count: usize,
+    /// What is wrong with the first of them, and where.
+    pub first: String,
+}
+
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SolidReport {
@@ -118,6 +129,8 @@ pub struct SolidReport {
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
     pub refused: Vec<RefusedSolid>,
+    /// Candidates that are no solids, by reason.
+    pub dropped: Vec<DroppedCandidates>,
     /// Of contours, how they were matched, and the best solid's sizes with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
@@ -227,6 +240,7 @@ pub fn solid_files_reported(
             })
             .collect(),
         refused,
+        dropped: dropped(&found.rejected),
         warnings,
         unit,
         written,
@@ -262,6 +276,23 @@ fn kinds(job: &SolidJob) -> Vec<ViewKind> {
 /// Whether the views are contours with their covariance.
 fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
+}
+
+/// Rejected candidates by reason, each reason with its first.
+fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
+    let reasons = [
+        (Rejection::Touches, "touches"),
+        (Rejection::DoesNotClose, "does_not_close"),
+    ];
+    let of = |(reason, why): (Rejection, &'static str)| {
+        let mut all = rejected.iter().filter(|r| r.why == reason);
+        all.next().map(|first| DroppedCandidates {
+            why,
+            count: 1 + all.count(),
+            first: first.message.clone(),
+        })
+    };
+    reasons.into_iter().filter_map(of).collect()
 }
 
 fn line_of(difference: &Disagreement) -> UnexplainedLine {

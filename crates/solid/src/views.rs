@@ -56,7 +56,7 @@ mod wall;
 mod wall_sight;
 mod wireframe;
 
-use crate::brep::{Measures, Solid};
+use crate::brep::{Contact, Measures, Solid};
 use crate::reprojection::{CompareOptions, disagreements};
 pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
 use planish_estimate::{Error, ErrorKind, Result};
@@ -68,6 +68,9 @@ const MOST_WALLS: usize = 24;
 
 /// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as some accuracies are fixed lengths.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
+
+/// Edges and vertices nearer to each other than this share of the drawing's size are in one place; vertices of one place are one within this.
+const TOUCHING: f64 = 2e-5;
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -82,13 +85,21 @@ pub struct Solution {
     /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other. Of equally cheap ones those with fewer edges
     /// come first.
     pub cost: f64,
+    /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that does not.
+    pub touches: Option<Rejected>,
+    /// Whether no program takes it for a solid because of that.
+    is_severe: bool,
 }
 
 impl Solution {
-    /// The better first: the cheaper one, of equally cheap ones that with fewer edges.
+    /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that with fewer edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
-        self.cost.total_cmp(&other.cost).then(edges(self).cmp(&edges(other)))
+        let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.is_severe);
+        contact(self)
+            .cmp(&contact(other))
+            .then(self.cost.total_cmp(&other.cost))
+            .then(edges(self).cmp(&edges(other)))
     }
 
     /// Whether two solids have one volume, area and centroid, but for slivers.
@@ -133,8 +144,40 @@ pub struct Solutions {
     pub complete: bool,
     /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<Unexplained>,
-    /// Why assignments of cells gave no solid.
-    pub rejected: Vec<String>,
+    /// Assignments of cells that explain all lines and give no solid.
+    pub rejected: Vec<Rejected>,
+}
+
+/// Why an assignment of cells is no solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rejection {
+    /// Its boundary touches itself along a line or at a point, where it is not manifold.
+    Touches,
+    /// Its boundary does not close, or its faces do not fit together.
+    DoesNotClose,
+}
+
+/// An assignment of cells that is no solid.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rejected {
+    /// The reason.
+    pub why: Rejection,
+    /// What is wrong, and where.
+    pub message: String,
+}
+
+impl Solutions {
+    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them where there are others, else those that no
+    /// program takes for solids.
+    fn keep_manifold(&mut self) {
+        self.solutions.sort_by(Solution::compared);
+        let any = self.solutions.iter().any(|s| s.touches.is_none());
+        let (kept, touching): (Vec<_>, Vec<_>) = std::mem::take(&mut self.solutions)
+            .into_iter()
+            .partition(|s| s.touches.is_none() || !any && !s.is_severe);
+        self.solutions = kept;
+        self.rejected.extend(touching.into_iter().filter_map(|s| s.touches));
+    }
 }
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
@@ -226,10 +269,10 @@ fn solve_plan(drawing: &Drawing, plan: &plan::Plan, scale: f64) -> Result<Soluti
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
     let found = search::search(&cells, &looks, MOST_SOLUTIONS, |assignment| {
-        let solution = match solution(&cells, assignment) {
+        let solution = match solution(&cells, assignment, scale) {
             Ok(solution) => solution,
-            Err(e) => {
-                solutions.rejected.push(e.to_string());
+            Err(rejected) => {
+                solutions.rejected.push(rejected);
                 return Vec::new();
             }
         };
@@ -254,9 +297,9 @@ fn solve_plan(drawing: &Drawing, plan: &plan::Plan, scale: f64) -> Result<Soluti
     if !solutions.unexplained.is_empty() {
         return Ok(solutions);
     }
-    solutions.solutions.sort_by(Solution::compared);
+    solutions.keep_manifold();
     if solutions.solutions.is_empty() {
-        let why = solutions.rejected.first().cloned().unwrap_or_default();
+        let why = solutions.rejected.first().map_or("", |rejected| &rejected.message);
         return Err(Error::undetermined(format!("no solid has these views: {why}")));
     }
     Ok(solutions)
@@ -309,21 +352,45 @@ fn figure(value: f64) -> String {
     }
 }
 
-fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {
-    let solid = boundary::boundary(cells, assignment)?;
-    solid.check(1e-5 * cells.plan.size)?;
+fn solution(
+    cells: &cells::Cells,
+    assignment: &search::Assignment,
+    scale: f64,
+) -> std::result::Result<Solution, Rejected> {
+    let does_not_close = |message: String| Rejected {
+        why: Rejection::DoesNotClose,
+        message,
+    };
+    let solid = boundary::boundary(cells, assignment)
+        .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
+        .map_err(|e| does_not_close(e.to_string()))?;
+    let contacts = solid.contacts(TOUCHING * cells.plan.size);
+    let touches = contacts.first().map(|contact| {
+        let what = match (contact.is_between_bodies, contact.is_line) {
+            (true, true) => "two bodies only touch along a line through",
+            (true, false) => "two bodies only touch at the point",
+            (false, true) => "its boundary touches itself along a line through",
+            (false, false) => "its boundary touches itself at the point",
+        };
+        let at = contact.at.map(|c| figure(scale * c)).join(" ");
+        Rejected {
+            why: Rejection::Touches,
+            message: format!("{what} {at}, where it is not manifold"),
+        }
+    });
     let measures = solid.measures();
     if measures.volume <= 0.0 {
-        return Err(Error::input(format!(
+        return Err(does_not_close(format!(
             "the boundary is turned inside out: its volume is {}",
             measures.volume
         )));
     }
-    let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
     Ok(Solution {
-        cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,
+        cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,
+        is_severe: contacts.first().is_some_and(Contact::is_severe),
+        touches,
     })
 }
 

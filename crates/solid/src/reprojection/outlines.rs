@@ -1,7 +1,7 @@
 //! What can be drawn of a solid in a view: edges, and where the line of sight touches curved faces.
 
-use super::faces::TrimmedFace;
 use super::scene::Eye;
+use crate::brep::TrimmedFace;
 use crate::brep::{Coedge, Curve, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};

@@ -1,5 +1,5 @@
-use super::faces::{TrimmedFace, met_by_distance};
 use super::*;
+use crate::brep::{TrimmedFace, met_by_distance};
 use crate::views::{Curve2, DrawnCurve, LineStyle, View, solve};
 use std::f64::consts::{PI, TAU};
 
