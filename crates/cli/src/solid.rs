@@ -44,6 +44,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         graphs: args.graphs.clone(),
         outputs: args.output.clone(),
         mesh_tolerance: args.mesh_tolerance,
+        tolerance: args.tolerance,
         all: args.all,
         unit: args.common.unit.map(Into::into),
     };

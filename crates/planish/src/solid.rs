@@ -5,6 +5,7 @@
 //! A solid is written only where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
 mod drawing;
+mod misses;
 mod noisy;
 mod writing;
 
@@ -42,6 +43,8 @@ pub struct SolidJob {
     pub outputs: Vec<PathBuf>,
     /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's size where none is given.
     pub mesh_tolerance: Option<f64>,
+    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn where none is given.
+    pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
     /// The unit where no file names it.
@@ -207,7 +210,7 @@ pub fn solid_files_reported(
         ));
     }
     if accepted.is_empty() && noisy.is_none() {
-        warnings.extend(drawing::open_ends(&drawing, &job.views));
+        warnings.extend(drawing::misses(&drawing, &job.views));
     }
     progress.check(crate::progress::WRITING_STAGE, 0.9)?;
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
@@ -358,6 +361,14 @@ fn plan(job: &SolidJob) -> Result<()> {
         check_graphs_name(graphs)?;
         refuse_input_as_output(graphs, &job.views)?;
         check_writable(graphs)?;
+    }
+    if job.tolerance.is_some()
+        && let Some(view) = job.views.first().filter(|_| is_contours(job))
+    {
+        return Err(Error::input(format!(
+            "{}: --tolerance joins coordinates of drawings, and this is a contour, whose covariance says what is one: leave it out (--level is for contours)",
+            view.display()
+        )));
     }
     if let Some(tolerance) = job.mesh_tolerance
         && !(tolerance > 0.0 && tolerance.is_finite())

@@ -11,7 +11,8 @@
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
-//!    Smooth (tangent) edges are no edges here, as in drafting.
+//!    Smooth (tangent) edges are no edges here, as in drafting; where no solid is found so, a drawn line may be one.
+//!    `preference` says what is tried first.
 //! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
@@ -21,18 +22,22 @@
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
+#[cfg(test)]
+mod body_tests;
 mod boundary;
 mod candidates;
 mod cells;
 mod circles;
 mod column;
 mod drawing;
+mod joined;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
 mod oblique_tests;
 mod oblique_wall;
 mod plan;
+mod preference;
 mod profile;
 mod quadrics;
 #[cfg(test)]
@@ -41,6 +46,8 @@ mod rings;
 mod search;
 mod sheet;
 mod sight;
+#[cfg(test)]
+mod smooth_tests;
 mod surfaces;
 #[cfg(test)]
 mod tests;
@@ -56,10 +63,14 @@ mod wall;
 mod wall_sight;
 mod wireframe;
 
-use crate::brep::{Contact, Measures, Solid};
+use crate::brep::{Measures, Solid};
 use crate::reprojection::{CompareOptions, disagreements};
-pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
+pub use drawing::{
+    Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
+};
+pub use joined::joined;
 use planish_estimate::{Error, ErrorKind, Result};
+use search::SmoothEdges;
 pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
 
@@ -87,15 +98,15 @@ pub struct Solution {
     pub cost: f64,
     /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that does not.
     pub touches: Option<Rejected>,
-    /// Whether no program takes it for a solid because of that.
-    is_severe: bool,
+    /// Whether two of its bodies touch: no program takes that for a solid, or for two.
+    bodies_touch: bool,
 }
 
 impl Solution {
     /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that with fewer edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
-        let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.is_severe);
+        let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
         contact(self)
             .cmp(&contact(other))
             .then(self.cost.total_cmp(&other.cost))
@@ -167,14 +178,14 @@ pub struct Rejected {
 }
 
 impl Solutions {
-    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them where there are others, else those that no
-    /// program takes for solids.
+    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them where there are others, else those of which
+    /// bodies touch.
     fn keep_manifold(&mut self) {
         self.solutions.sort_by(Solution::compared);
         let any = self.solutions.iter().any(|s| s.touches.is_none());
         let (kept, touching): (Vec<_>, Vec<_>) = std::mem::take(&mut self.solutions)
             .into_iter()
-            .partition(|s| s.touches.is_none() || !any && !s.is_severe);
+            .partition(|s| s.touches.is_none() || !any && !s.bodies_touch);
         self.solutions = kept;
         self.rejected.extend(touching.into_iter().filter_map(|s| s.touches));
     }
@@ -209,17 +220,33 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 
 /// [`solve`] for a drawing of usual size; places that are named are in units `scale` times smaller.
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
+    let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
+    let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
+    if is_too_large || best_agreeing(&plain, drawing).is_some() {
+        return plain;
+    }
+    let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
+    // Of two refusals the one that names fewer lines.
+    let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
+    match best_agreeing(&smooth, drawing).is_some() || best_cost(&plain).is_none() && named(&smooth) < named(&plain) {
+        true => smooth,
+        false => plain,
+    }
+}
+
+/// [`solve_scaled`] with lines that may be tangent edges or not.
+fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     if let Some(found) = oblique {
         let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_plan(&tidy, &plan, scale);
+        let solved = solve_plan(&tidy, &plan, smooth_edges, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_plan(&tidy, &plan, scale);
+    let mut best = solve_plan(&tidy, &plan, smooth_edges, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
@@ -235,7 +262,7 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
-        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), scale);
+        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -263,34 +290,41 @@ fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solutio
 }
 
 /// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(drawing: &Drawing, plan: &plan::Plan, scale: f64) -> Result<Solutions> {
+fn solve_plan(drawing: &Drawing, plan: &plan::Plan, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
-    let found = search::search(&cells, &looks, MOST_SOLUTIONS, |assignment| {
-        let solution = match solution(&cells, assignment, scale) {
-            Ok(solution) => solution,
-            Err(rejected) => {
-                solutions.rejected.push(rejected);
-                return Vec::new();
-            }
-        };
-        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
-            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
-            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
-            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
-            if by_slivers || same.has_vertices_of(&solution) {
-                // The one whose faces and edges are cut least often stands for both.
-                if solution.compared(same).is_lt() {
-                    (*first, *same) = (assignment.clone(), solution);
+    let found = search::search(
+        &cells,
+        &looks,
+        smooth_edges,
+        &preference::preferences(&cells),
+        MOST_SOLUTIONS,
+        |assignment| {
+            let solution = match solution(&cells, assignment, scale) {
+                Ok(solution) => solution,
+                Err(rejected) => {
+                    solutions.rejected.push(rejected);
+                    return Vec::new();
                 }
-                return if by_slivers { between } else { Vec::new() };
+            };
+            for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+                let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+                let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+                let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+                if by_slivers || same.has_vertices_of(&solution) {
+                    // The one whose faces and edges are cut least often stands for both.
+                    if solution.compared(same).is_lt() {
+                        (*first, *same) = (assignment.clone(), solution);
+                    }
+                    return if by_slivers { between } else { Vec::new() };
+                }
             }
-        }
-        known.push((assignment.clone(), solution));
-        Vec::new()
-    });
+            known.push((assignment.clone(), solution));
+            Vec::new()
+        },
+    );
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
@@ -389,7 +423,7 @@ fn solution(
         cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,
-        is_severe: contacts.first().is_some_and(Contact::is_severe),
+        bodies_touch: contacts.first().is_some_and(|c| c.is_between_bodies),
         touches,
     })
 }

@@ -203,7 +203,7 @@ pub(super) fn constrained(
         .map(|(part, seen)| estimated(part, *seen))
         .collect();
     let sketch = Sketch::new(&contours)?;
-    let given = given(job, &sketch)?;
+    let given = given(job, &sketch, unit.unwrap_or(Unit::Millimetre))?;
     let mut options = ConstrainOptions {
         given,
         ..ConstrainOptions::default()
@@ -259,10 +259,10 @@ pub(super) fn constrained(
 }
 
 /// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest set.
-fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
+fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constraint>> {
     let mut all = sketch.given.clone();
     for sentence in &job.given {
-        let constraint = Constraint::parse(sentence, &sketch.drawing)?;
+        let constraint = Constraint::parse(&in_unit(sentence, unit)?, &sketch.drawing)?;
         constraint.require_parts(&sketch.drawing)?;
         all.push(constraint);
     }
@@ -279,6 +279,9 @@ fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
         .iter()
         .map(|conflict| {
             let others: Vec<String> = conflict.with.iter().map(|&i| words(i)).collect();
+            if others.is_empty() {
+                return format!("`{}` cannot hold of these contours at all", words(conflict.constraint));
+            }
             format!(
                 "`{}` cannot hold together with {}",
                 words(conflict.constraint),
@@ -286,7 +289,51 @@ fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
             )
         })
         .collect();
-    Err(Error::input(format!("{}: leave one of each set out", sets.join("; "))))
+    let advice = match found.conflicting.iter().all(|conflict| conflict.with.is_empty()) {
+        true => "leave it out, or give another size",
+        false => "leave one of each set out",
+    };
+    Err(Error::input(format!("{}: {advice}", sets.join("; "))))
+}
+
+/// A sentence whose lengths have units, as `P1P2 is 100mm long` or `P1 at (0 mm, 1 in)`, with the numbers that these are in the drawing's unit.
+fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
+    let mut words: Vec<String> = Vec::new();
+    for word in sentence.split_whitespace() {
+        // A number may stand after a parenthesis or `=`, and before a comma or parenthesis.
+        let start = word.rfind(['(', '=']).map_or(0, |k| k + 1);
+        let end = word.trim_end_matches([',', ')']).len().max(start);
+        let inner = &word[start..end];
+        if let (Ok(own), Some(number)) = (inner.parse::<Unit>(), words.last().and_then(|w| as_number(w)))
+            && let Some(last) = words.last_mut()
+        {
+            let value = Length {
+                value: number.1,
+                unit: Some(own),
+            };
+            *last = format!("{}{}{}", number.0, value.in_unit(unit), &word[end..]);
+            continue;
+        }
+        let number = inner.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let name = &inner[number.len()..];
+        match number.parse::<f64>() {
+            Ok(value) if !name.is_empty() && name != "deg" => {
+                let own: Unit = name
+                    .parse()
+                    .map_err(|e: Error| e.in_context(format!("constraint `{}`", sentence.trim())))?;
+                let value = Length { value, unit: Some(own) }.in_unit(unit);
+                words.push(format!("{}{value}{}", &word[..start], &word[end..]));
+            }
+            _ => words.push(word.to_owned()),
+        }
+    }
+    Ok(words.join(" "))
+}
+
+/// What stands before a number at the end of a word, and the number.
+fn as_number(word: &str) -> Option<(&str, f64)> {
+    let start = word.rfind(['(', '=']).map_or(0, |k| k + 1);
+    word[start..].parse().ok().map(|value| (&word[..start], value))
 }
 
 fn quoted(names: &[String]) -> String {
@@ -501,4 +548,28 @@ fn part_of(sketch: &Sketch, first: impl Fn(&planish_solid::sketch::SketchPart) -
         .iter()
         .rposition(|part| first(part) <= id)
         .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_of_sentences_may_have_units() {
+        let read = |sentence: &str| in_unit(sentence, Unit::Millimetre).unwrap();
+        assert_eq!(read("P1P2 is 100mm long"), "P1P2 is 100 long");
+        assert_eq!(read("P1P2 is 0.5 m long"), "P1P2 is 500 long");
+        assert_eq!(read("P1 at (1in, 2 in)"), "P1 at (25.4, 50.8)");
+        assert_eq!(read("x1 = 2in"), "x1 = 50.8");
+        assert_eq!(read("P1P2 to P2P3 is 60deg"), "P1P2 to P2P3 is 60deg");
+        assert_eq!(
+            read("circle 1 has the radius of circle 2"),
+            "circle 1 has the radius of circle 2"
+        );
+        let told = in_unit("P1P2 is 100km long", Unit::Millimetre).unwrap_err().to_string();
+        assert!(
+            told.contains("constraint `P1P2 is 100km long`") && told.contains("needed `mm`"),
+            "{told}"
+        );
+    }
 }

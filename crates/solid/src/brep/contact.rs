@@ -1,21 +1,18 @@
 //! Where a boundary touches itself.
 //!
 //! Parts of a boundary that only touch have edges and vertices of their own in the same place. Each of them closes, so [`Solid::check`] passes; as sets of
-//! points they are not manifold: four faces meet along a line, or two fans of faces at a point. Some of them are read as solids all the same, others
-//! ([`Contact::is_severe`]) by no program.
+//! points they are not manifold: four faces meet along a line, or two fans of faces at a point. Within one body some parts are made like this (pockets that
+//! meet at their corners, a hole that touches a wall), and are read as solids; two bodies that only touch are neither one solid nor two.
 //!
 //! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the faces are manifold as they are written.
 
-use super::{Curve, Edge, Face, Solid, along};
+use super::{Curve, Edge, Solid, along};
 use planish_estimate::vector3::{dot, norm, sub};
 
 /// Places of an edge, as shares of its range, that are looked for on others.
 const SHARES: [f64; 3] = [0.23, 0.5, 0.77];
 /// Pieces of an edge's curve between which the nearest point is looked for.
 const PIECES: usize = 24;
-
-/// A normal's cosine with another is nearer to −1 than this where two faces enclose an angle of zero.
-const CUSP: f64 = 1e-6;
 
 /// A place at which the boundary touches itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,22 +23,11 @@ pub struct Contact {
     pub is_line: bool,
     /// Whether what touches are two bodies.
     pub is_between_bodies: bool,
-    /// Whether faces touch there: the angle between the faces of one of the edges is zero.
-    pub is_cusp: bool,
-}
-
-impl Contact {
-    /// Whether no program takes a boundary with it for a solid. Edges in one place within one body, between faces at an angle, are those of two pockets
-    /// that meet at their corners: each of them is manifold.
-    #[must_use]
-    pub fn is_severe(&self) -> bool {
-        self.is_between_bodies || self.is_cusp
-    }
 }
 
 impl Solid {
-    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along the shorter one, and of vertices, the severe
-    /// ones first.
+    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along the shorter one, and of vertices, those
+    /// between bodies first.
     ///
     /// Cost: edges are compared where their boxes meet, so at most the square of their number.
     #[must_use]
@@ -59,10 +45,6 @@ impl Solid {
             }
         }
         let body_of_edge = |edge: usize| faces_of[edge].first().map(|f| body_of[*f]);
-        let is_cusp = |edge: usize, p: [f64; 3]| match faces_of[edge][..] {
-            [f, g] => dot(self.outward(f, p), self.outward(g, p)) < CUSP - 1.0,
-            _ => false,
-        };
         let mut found = Vec::new();
         let boxes: Vec<[[f64; 3]; 2]> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
         for (index, edge) in self.edges.iter().enumerate() {
@@ -79,7 +61,6 @@ impl Solid {
                         at,
                         is_line: true,
                         is_between_bodies: body_of_edge(index) != body_of_edge(other),
-                        is_cusp: is_cusp(index, at) || is_cusp(other, at),
                     });
                 }
             }
@@ -98,20 +79,12 @@ impl Solid {
                         at,
                         is_line: false,
                         is_between_bodies: body_of_vertex[a] != body_of_vertex[b],
-                        is_cusp: false,
                     });
                 }
             }
         }
-        found.sort_by_key(|contact| !contact.is_severe());
+        found.sort_by_key(|contact| !contact.is_between_bodies);
         found
-    }
-
-    /// The normal of a face that points out of the solid.
-    fn outward(&self, face: usize, p: [f64; 3]) -> [f64; 3] {
-        let Face { surface, outward, .. } = &self.faces[face];
-        let n = surface.normal(p);
-        if *outward { n } else { n.map(|c| -c) }
     }
 }
 
