@@ -10,14 +10,14 @@ pub const MOST_TRIANGLES: f64 = 1e6;
 /// About how many triangles a mesh of a solid has that misses it by `tolerance` at most, in the unit of its coordinates.
 ///
 /// A chord over an angle θ misses an arc of radius r by `r (1 − cos θ/2)`, so edges need `1/√tolerance` chords, each with a triangle on both sides, and
-/// faces that bend in two directions `1/tolerance` triangles: twice their area over the product of their chords.
+/// faces that bend in two directions `1/tolerance` triangles: four times their area over the product of these chords, as the misses of both directions add up.
 #[must_use]
 pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     let edges: f64 = solid.edges.iter().map(|edge| 2.0 * chords(edge, tolerance)).sum();
     let chord = |radius: f64| radius * widest(radius, tolerance);
     let faces = solid.faces.iter().enumerate().map(|(index, face)| match face.surface {
-        Surface::Sphere { radius, .. } => 2.0 * solid.area_of(&[index]) / chord(radius).powi(2),
-        Surface::Torus { major, minor, .. } => 2.0 * solid.area_of(&[index]) / (chord(major + minor) * chord(minor)),
+        Surface::Sphere { radius, .. } => 4.0 * solid.area_of(&[index]) / chord(radius).powi(2),
+        Surface::Torus { major, minor, .. } => 4.0 * solid.area_of(&[index]) / (chord(major + minor) * chord(minor)),
         _ => 0.0,
     });
     edges + faces.sum::<f64>()
