@@ -311,7 +311,7 @@ fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
                 value: number.1,
                 unit: Some(own),
             };
-            *last = format!("{}{}{}", number.0, value.in_unit(unit), &word[end..]);
+            *last = format!("{}{}{}", &last[..number.0], value.in_unit(unit), &word[end..]);
             continue;
         }
         let number = inner.trim_end_matches(|c: char| c.is_ascii_alphabetic());
@@ -330,10 +330,10 @@ fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
     Ok(words.join(" "))
 }
 
-/// What stands before a number at the end of a word, and the number.
-fn as_number(word: &str) -> Option<(&str, f64)> {
+/// Where the number at the end of a word begins, and the number.
+fn as_number(word: &str) -> Option<(usize, f64)> {
     let start = word.rfind(['(', '=']).map_or(0, |k| k + 1);
-    word[start..].parse().ok().map(|value| (&word[..start], value))
+    word[start..].parse().ok().map(|value| (start, value))
 }
 
 fn quoted(names: &[String]) -> String {
