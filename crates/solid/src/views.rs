@@ -252,7 +252,9 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
     for strict in [true, false] {
         // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        if is_too_large || !strict && cheapest.is_some() {
+        // With tangent edges they are not tried: freeform parts would take twice as long to be refused.
+        let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
+        if is_too_large || !strict && !are_tried {
             break;
         }
         let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
