@@ -5,6 +5,7 @@
 //! readings of one part; `gap` says where that is.
 
 mod constrained;
+mod lengths;
 mod levels;
 mod picture;
 mod report;
