@@ -19,6 +19,7 @@ fn main() -> Result<()> {
         graphs: Vec::new(),
         outputs: vec![PathBuf::from("bracket.step")],
         mesh_tolerance: None,
+        tolerance: None,
         all: false,
         unit: None,
     };

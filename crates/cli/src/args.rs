@@ -494,7 +494,7 @@ Examples:
 The front view is seen from -y and shows x and z, the top view from +z and shows x and y, the side view from +x and shows y and z; all
 in one frame, to one scale. On a sheet with all views, each stands apart from the others and in line with the front view, which is found
 by that; its left lower corner becomes the origin. Hidden lines are on layers or have line types named HIDDEN or DASHED; centre lines are
-left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges must not be drawn. Of SVG files hidden lines are
+left out. Faces are planes along a line of sight and cylinders along an axis; smooth edges may be drawn or not. Of SVG files hidden lines are
 dashed, and the left lower corner of each view is its origin. A solid is written only where the lines that it shows are those of the drawing.
 
 Contours that planish contour wrote (.json) are views, too: relations in each are found by χ² tests (or taken from the file, where --constrain or
@@ -534,6 +534,9 @@ pub struct SolidArgs {
     /// How far triangles of a mesh miss the solid at most [default: 1/2000 of the drawing's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
+    /// Coordinates of drawings that are no farther apart than this are one: joins ends that miss each other by little, and views of nearly one scale
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub tolerance: Option<f64>,
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     pub all: bool,

@@ -44,6 +44,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         graphs: args.graphs.clone(),
         outputs: args.output.clone(),
         mesh_tolerance: args.mesh_tolerance,
+        tolerance: args.tolerance,
         all: args.all,
         unit: args.common.unit.map(Into::into),
     };
@@ -102,6 +103,16 @@ fn text(report: &SolidReport) -> String {
             if others == 1 { "was" } else { "were" },
             if others == 1 { "s" } else { "" },
         ));
+    }
+    for dropped in &report.dropped {
+        lines.line(match dropped.count {
+            1 => format!("1 more candidate is no solid: {}.", dropped.first),
+            n => format!(
+                "{} more candidates are no solids; of the first, {}.",
+                count(n),
+                dropped.first
+            ),
+        });
     }
     lines.gap();
     let rows: Vec<Vec<String>> = report

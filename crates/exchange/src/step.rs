@@ -147,46 +147,50 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
 
     let geometry_context = write_context(&mut out, options)?;
     let placement = write_placement(&mut out)?;
-    let (item, is_solid) = write_item(&mut out, what, &name)?;
+    let (items, is_solid) = write_items(&mut out, what, &name)?;
     let kind = match is_solid {
         true => "ADVANCED_BREP_SHAPE_REPRESENTATION",
         false => "MANIFOLD_SURFACE_SHAPE_REPRESENTATION",
     };
-    let representation = out.add(format_args!("{kind}({name},({placement},{item}),{geometry_context})"))?;
+    let listed: String = items.iter().map(|item| format!(",{item}")).collect();
+    let representation = out.add(format_args!("{kind}({name},({placement}{listed}),{geometry_context})"))?;
     out.add(format_args!(
         "SHAPE_DEFINITION_REPRESENTATION({shape},{representation})"
     ))?;
     writeln!(writer, "ENDSEC;\nEND-ISO-10303-21;")
 }
 
-/// The shape itself, and whether it is a solid.
-fn write_item<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Result<(Id, bool)> {
-    match what {
+/// The shape itself, one item for each body, and whether these are solids.
+fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Result<(Vec<Id>, bool)> {
+    let solid = match what {
         Shape::Splines(brep) => {
             let shell = write_shell(out, brep)?;
             let item = match brep.closed {
                 true => out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})"))?,
                 false => out.add(format_args!("SHELL_BASED_SURFACE_MODEL({name},({shell}))"))?,
             };
-            Ok((item, brep.closed))
+            return Ok((vec![item], brep.closed));
         }
-        Shape::Solid(solid) => {
-            let shells = solid::write_shells(out, solid)?;
-            let Some((outer, voids)) = shells.split_first() else {
-                return Err(io::Error::other("a solid without faces"));
-            };
-            if voids.is_empty() {
-                return Ok((out.add(format_args!("MANIFOLD_SOLID_BREP({name},{outer})"))?, true));
-            }
-            let mut oriented = Vec::with_capacity(voids.len());
-            for void in voids {
-                oriented.push(out.add(format_args!("ORIENTED_CLOSED_SHELL('',*,{void},.T.)"))?);
-            }
-            Ok((
-                out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?,
-                true,
-            ))
+        Shape::Solid(solid) => solid,
+    };
+    let mut items = Vec::new();
+    for shells in solid::write_bodies(out, solid)? {
+        let Some((outer, voids)) = shells.split_first() else {
+            continue;
+        };
+        if voids.is_empty() {
+            items.push(out.add(format_args!("MANIFOLD_SOLID_BREP({name},{outer})"))?);
+            continue;
         }
+        let mut oriented = Vec::with_capacity(voids.len());
+        for void in voids {
+            oriented.push(out.add(format_args!("ORIENTED_CLOSED_SHELL('',*,{void},.T.)"))?);
+        }
+        items.push(out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?);
+    }
+    match items.is_empty() {
+        true => Err(io::Error::other("a solid without faces")),
+        false => Ok((items, true)),
     }
 }
 

@@ -5,10 +5,12 @@
 //! readings of one part; `gap` says where that is.
 
 mod constrained;
+mod lengths;
 mod levels;
 mod picture;
 mod report;
 mod space;
+mod unused;
 
 pub use constrained::{
     ConstrainJob, ConstrainedContour, ConstrainedReport, ImposedConstraint, ReportedDependence, ReportedFreedoms,
@@ -28,7 +30,7 @@ use planish_exchange::contours::{
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
-use planish_solid::contour::{Choice, Sighting, auto_kinds, choose, separate, usual_gap};
+use planish_solid::contour::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
 pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
 pub use planish_solid::primitive::Shape;
 use std::io::Write;
@@ -71,6 +73,17 @@ struct Part {
     level: Option<f64>,
     members: Vec<usize>,
     choice: Choice,
+}
+
+/// What the file holds.
+fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
+    let is_range = |s: &Sighting| matches!(s.target, Target::Range { .. });
+    match (picture::is_picture(&job.input), read.in_metres) {
+        (true, _) => unused::Readings::Picture,
+        (false, true) => unused::Readings::Log,
+        (false, false) if read.sightings.iter().any(is_range) => unused::Readings::Ranges,
+        (false, false) => unused::Readings::Points,
+    }
 }
 
 /// Does the job and writes its outputs.
@@ -127,6 +140,7 @@ pub fn contour_files_reported(
     } else {
         read_contour_readings(&job.input, &job.sigma, &job.carmen)?
     };
+    unused::refuse_unused(job, readings_of(job, &read))?;
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
     let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();

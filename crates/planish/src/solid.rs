@@ -5,6 +5,7 @@
 //! A solid is written only where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
 mod drawing;
+mod misses;
 mod noisy;
 mod writing;
 
@@ -20,7 +21,7 @@ use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
 pub use planish_solid::views::{Projection, ViewKind};
-use planish_solid::views::{Solution, solve};
+use planish_solid::views::{Rejected, Rejection, Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -42,6 +43,8 @@ pub struct SolidJob {
     pub outputs: Vec<PathBuf>,
     /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's size where none is given.
     pub mesh_tolerance: Option<f64>,
+    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn where none is given.
+    pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
     /// The unit where no file names it.
@@ -107,6 +110,17 @@ pub struct RefusedSolid {
     pub differences: Vec<UnexplainedLine>,
 }
 
+/// Candidates that show the lines of the drawing, as far as the search can tell, and are no solids: they are not written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct DroppedCandidates {
+    /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit together.
+    pub why: &'static str,
+    /// How many.
+    pub count: usize,
+    /// What is wrong with the first of them, and where.
+    pub first: String,
+}
+
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SolidReport {
@@ -118,6 +132,8 @@ pub struct SolidReport {
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
     pub refused: Vec<RefusedSolid>,
+    /// Candidates that are no solids, by reason.
+    pub dropped: Vec<DroppedCandidates>,
     /// Of contours, how they were matched, and the best solid's sizes with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
@@ -194,7 +210,7 @@ pub fn solid_files_reported(
         ));
     }
     if accepted.is_empty() && noisy.is_none() {
-        warnings.extend(drawing::open_ends(&drawing, &job.views));
+        warnings.extend(drawing::misses(&drawing, &job.views));
     }
     progress.check(crate::progress::WRITING_STAGE, 0.9)?;
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
@@ -227,6 +243,7 @@ pub fn solid_files_reported(
             })
             .collect(),
         refused,
+        dropped: dropped(&found.rejected),
         warnings,
         unit,
         written,
@@ -262,6 +279,23 @@ fn kinds(job: &SolidJob) -> Vec<ViewKind> {
 /// Whether the views are contours with their covariance.
 fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
+}
+
+/// Rejected candidates by reason, each reason with its first.
+fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
+    let reasons = [
+        (Rejection::Touches, "touches"),
+        (Rejection::DoesNotClose, "does_not_close"),
+    ];
+    let of = |(reason, why): (Rejection, &'static str)| {
+        let mut all = rejected.iter().filter(|r| r.why == reason);
+        all.next().map(|first| DroppedCandidates {
+            why,
+            count: 1 + all.count(),
+            first: first.message.clone(),
+        })
+    };
+    reasons.into_iter().filter_map(of).collect()
 }
 
 fn line_of(difference: &Disagreement) -> UnexplainedLine {
@@ -327,6 +361,14 @@ fn plan(job: &SolidJob) -> Result<()> {
         check_graphs_name(graphs)?;
         refuse_input_as_output(graphs, &job.views)?;
         check_writable(graphs)?;
+    }
+    if job.tolerance.is_some()
+        && let Some(view) = job.views.first().filter(|_| is_contours(job))
+    {
+        return Err(Error::input(format!(
+            "{}: --tolerance joins coordinates of drawings, and this is a contour, whose covariance says what is one: leave it out (--level is for contours)",
+            view.display()
+        )));
     }
     if let Some(tolerance) = job.mesh_tolerance
         && !(tolerance > 0.0 && tolerance.is_finite())

@@ -24,6 +24,7 @@ fn solved(views: Vec<PathBuf>, outputs: Vec<PathBuf>) -> planish::Result<SolidRe
         graphs: Vec::new(),
         outputs,
         mesh_tolerance: None,
+        tolerance: None,
         all: false,
         unit: None,
     };
@@ -182,6 +183,7 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         graphs: Vec::new(),
         outputs: outputs.clone(),
         mesh_tolerance: Some(tolerance),
+        tolerance: None,
         all: false,
         unit: None,
     };

@@ -1,17 +1,25 @@
 //! Solids as faces on analytic surfaces.
 //!
 //! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: whether they fit together ([`Solid::check`]), and volume, area and
-//! centroid by the divergence theorem ([`Solid::measures`]).
+//! centroid by the divergence theorem ([`Solid::measures`]); where it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
 
+mod bodies;
 mod check;
+mod contact;
 mod geometry;
 mod measures;
+mod trimmed;
 mod turned;
 
+pub use bodies::Body;
+pub use contact::Contact;
 pub(crate) use geometry::unit;
 pub use geometry::{Curve, Surface};
 pub use measures::Measures;
 pub(crate) use planish_estimate::vector3::add_scaled as along;
+pub(crate) use trimmed::TrimmedFace;
+#[cfg(test)]
+pub(crate) use trimmed::met_by_distance;
 
 /// An edge between two vertices (or from one back to it).
 #[derive(Debug, Clone, PartialEq)]

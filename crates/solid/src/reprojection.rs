@@ -5,7 +5,7 @@
 //!
 //! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth edges at which the boundary turns away
 //!    from the eye, and the lines within curved faces along which the line of sight touches (`n · e = 0`).
-//! 2. `faces`: where a ray meets a face: its surface, and whether the point lies within the face's loops.
+//! 2. Where a ray meets a face: its surface, and whether the point lies within the face's loops (`brep/trimmed`).
 //! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets no face before it.
 //! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn visible; points along every line of
 //!    the solid must lie on a drawn curve, on a visible one where seen.
@@ -15,7 +15,6 @@
 //! Not guaranteed: differences shorter than [`CompareOptions::shortest`] or between sample points are not found.
 
 mod compare;
-mod faces;
 mod nearby;
 mod outlines;
 mod scene;

@@ -11,12 +11,14 @@
 
 mod chart;
 mod domain;
+mod effort;
 mod fill;
 #[cfg(test)]
 mod tests;
 mod whole;
 
 use crate::brep::{Coedge, Curve, Edge, Solid};
+pub use effort::{MOST_TRIANGLES, least_tolerance, triangles_needed};
 use planish_estimate::vector3::{norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
@@ -86,7 +88,7 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
         Curve::Ellipse { a, .. } => {
             // A chord over an angle θ misses a circle by r (1 − cos θ/2).
             let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
-            let n = ((to - from) / widest.clamp(1e-4, WIDEST_CHORD)).ceil() as usize;
+            let n = ((to - from) / widest.clamp(1e-5, WIDEST_CHORD)).ceil() as usize;
             n.max(if edge.start == edge.end { 3 } else { 2 })
         }
         Curve::Spline { points, .. } => {
@@ -112,11 +114,19 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
 /// The volume differs from the exact one by less than twice the tolerance times the area; that and watertightness are checked.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive;
+/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than [`MOST_TRIANGLES`];
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a face cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
+    }
+    let needed = triangles_needed(solid, tolerance);
+    if needed > MOST_TRIANGLES {
+        return Err(Error::input(format!(
+            "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: needed at most {MOST_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+            // Rounded up, so that it works.
+            1.06 * least_tolerance(solid)
+        )));
     }
     let mut finer = tolerance;
     let mut made = once(solid, finer);

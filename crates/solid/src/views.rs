@@ -11,7 +11,8 @@
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
 //! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
-//!    Smooth (tangent) edges are no edges here, as in drafting.
+//!    Smooth (tangent) edges are no edges here, as in drafting; where no solid is found so, a drawn line may be one.
+//!    `preference` says what is tried first.
 //! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
@@ -21,18 +22,22 @@
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
+#[cfg(test)]
+mod body_tests;
 mod boundary;
 mod candidates;
 mod cells;
 mod circles;
 mod column;
 mod drawing;
+mod joined;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
 mod oblique_tests;
 mod oblique_wall;
 mod plan;
+mod preference;
 mod profile;
 mod quadrics;
 #[cfg(test)]
@@ -41,6 +46,8 @@ mod rings;
 mod search;
 mod sheet;
 mod sight;
+#[cfg(test)]
+mod smooth_tests;
 mod surfaces;
 #[cfg(test)]
 mod tests;
@@ -58,8 +65,12 @@ mod wireframe;
 
 use crate::brep::{Measures, Solid};
 use crate::reprojection::{CompareOptions, disagreements};
-pub use drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment};
+pub use drawing::{
+    Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
+};
+pub use joined::joined;
 use planish_estimate::{Error, ErrorKind, Result};
+use search::SmoothEdges;
 pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
 
@@ -68,6 +79,9 @@ const MOST_WALLS: usize = 24;
 
 /// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as some accuracies are fixed lengths.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
+
+/// Edges and vertices nearer to each other than this share of the drawing's size are in one place; vertices of one place are one within this.
+const TOUCHING: f64 = 2e-5;
 
 /// Solids are made of so many assignments at most.
 pub const MOST_SOLUTIONS: usize = 32;
@@ -82,13 +96,21 @@ pub struct Solution {
     /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other. Of equally cheap ones those with fewer edges
     /// come first.
     pub cost: f64,
+    /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that does not.
+    pub touches: Option<Rejected>,
+    /// Whether two of its bodies touch: no program takes that for a solid, or for two.
+    bodies_touch: bool,
 }
 
 impl Solution {
-    /// The better first: the cheaper one, of equally cheap ones that with fewer edges.
+    /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that with fewer edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
-        self.cost.total_cmp(&other.cost).then(edges(self).cmp(&edges(other)))
+        let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
+        contact(self)
+            .cmp(&contact(other))
+            .then(self.cost.total_cmp(&other.cost))
+            .then(edges(self).cmp(&edges(other)))
     }
 
     /// Whether two solids have one volume, area and centroid, but for slivers.
@@ -133,8 +155,40 @@ pub struct Solutions {
     pub complete: bool,
     /// Lines that no solid explains: where there are any, there are no solutions.
     pub unexplained: Vec<Unexplained>,
-    /// Why assignments of cells gave no solid.
-    pub rejected: Vec<String>,
+    /// Assignments of cells that explain all lines and give no solid.
+    pub rejected: Vec<Rejected>,
+}
+
+/// Why an assignment of cells is no solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rejection {
+    /// Its boundary touches itself along a line or at a point, where it is not manifold.
+    Touches,
+    /// Its boundary does not close, or its faces do not fit together.
+    DoesNotClose,
+}
+
+/// An assignment of cells that is no solid.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rejected {
+    /// The reason.
+    pub why: Rejection,
+    /// What is wrong, and where.
+    pub message: String,
+}
+
+impl Solutions {
+    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them where there are others, else those of which
+    /// bodies touch.
+    fn keep_manifold(&mut self) {
+        self.solutions.sort_by(Solution::compared);
+        let any = self.solutions.iter().any(|s| s.touches.is_none());
+        let (kept, touching): (Vec<_>, Vec<_>) = std::mem::take(&mut self.solutions)
+            .into_iter()
+            .partition(|s| s.touches.is_none() || !any && !s.bodies_touch);
+        self.solutions = kept;
+        self.rejected.extend(touching.into_iter().filter_map(|s| s.touches));
+    }
 }
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
@@ -166,23 +220,41 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 
 /// [`solve`] for a drawing of usual size; places that are named are in units `scale` times smaller.
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
+    let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
+    let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
+    if is_too_large || best_agreeing(&plain, drawing).is_some() {
+        return plain;
+    }
+    let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
+    // Of two refusals the one that names fewer lines.
+    let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
+    match best_agreeing(&smooth, drawing).is_some() || best_cost(&plain).is_none() && named(&smooth) < named(&plain) {
+        true => smooth,
+        false => plain,
+    }
+}
+
+/// [`solve_scaled`] with lines that may be tangent edges or not.
+fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
     let plan = plan::Plan::of(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     if let Some(found) = oblique {
         let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_plan(&tidy, &plan, scale);
+        let solved = solve_plan(&tidy, &plan, smooth_edges, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_plan(&tidy, &plan, scale);
+    let mut best = solve_plan(&tidy, &plan, smooth_edges, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
         // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        if is_too_large || !strict && cheapest.is_some() {
+        // With tangent edges they are not tried: freeform parts would take twice as long to be refused.
+        let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
+        if is_too_large || !strict && !are_tried {
             break;
         }
         let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
@@ -192,7 +264,7 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
-        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), scale);
+        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -220,43 +292,50 @@ fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solutio
 }
 
 /// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(drawing: &Drawing, plan: &plan::Plan, scale: f64) -> Result<Solutions> {
+fn solve_plan(drawing: &Drawing, plan: &plan::Plan, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
-    let found = search::search(&cells, &looks, MOST_SOLUTIONS, |assignment| {
-        let solution = match solution(&cells, assignment) {
-            Ok(solution) => solution,
-            Err(e) => {
-                solutions.rejected.push(e.to_string());
-                return Vec::new();
-            }
-        };
-        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
-            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
-            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
-            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
-            if by_slivers || same.has_vertices_of(&solution) {
-                // The one whose faces and edges are cut least often stands for both.
-                if solution.compared(same).is_lt() {
-                    (*first, *same) = (assignment.clone(), solution);
+    let found = search::search(
+        &cells,
+        &looks,
+        smooth_edges,
+        &preference::preferences(&cells),
+        MOST_SOLUTIONS,
+        |assignment| {
+            let solution = match solution(&cells, assignment, scale) {
+                Ok(solution) => solution,
+                Err(rejected) => {
+                    solutions.rejected.push(rejected);
+                    return Vec::new();
                 }
-                return if by_slivers { between } else { Vec::new() };
+            };
+            for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+                let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+                let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+                let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+                if by_slivers || same.has_vertices_of(&solution) {
+                    // The one whose faces and edges are cut least often stands for both.
+                    if solution.compared(same).is_lt() {
+                        (*first, *same) = (assignment.clone(), solution);
+                    }
+                    return if by_slivers { between } else { Vec::new() };
+                }
             }
-        }
-        known.push((assignment.clone(), solution));
-        Vec::new()
-    });
+            known.push((assignment.clone(), solution));
+            Vec::new()
+        },
+    );
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
     if !solutions.unexplained.is_empty() {
         return Ok(solutions);
     }
-    solutions.solutions.sort_by(Solution::compared);
+    solutions.keep_manifold();
     if solutions.solutions.is_empty() {
-        let why = solutions.rejected.first().cloned().unwrap_or_default();
+        let why = solutions.rejected.first().map_or("", |rejected| &rejected.message);
         return Err(Error::undetermined(format!("no solid has these views: {why}")));
     }
     Ok(solutions)
@@ -309,21 +388,45 @@ fn figure(value: f64) -> String {
     }
 }
 
-fn solution(cells: &cells::Cells, assignment: &search::Assignment) -> Result<Solution> {
-    let solid = boundary::boundary(cells, assignment)?;
-    solid.check(1e-5 * cells.plan.size)?;
+fn solution(
+    cells: &cells::Cells,
+    assignment: &search::Assignment,
+    scale: f64,
+) -> std::result::Result<Solution, Rejected> {
+    let does_not_close = |message: String| Rejected {
+        why: Rejection::DoesNotClose,
+        message,
+    };
+    let solid = boundary::boundary(cells, assignment)
+        .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
+        .map_err(|e| does_not_close(e.to_string()))?;
+    let contacts = solid.contacts(TOUCHING * cells.plan.size);
+    let touches = contacts.first().map(|contact| {
+        let what = match (contact.is_between_bodies, contact.is_line) {
+            (true, true) => "two bodies only touch along a line through",
+            (true, false) => "two bodies only touch at the point",
+            (false, true) => "its boundary touches itself along a line through",
+            (false, false) => "its boundary touches itself at the point",
+        };
+        let at = contact.at.map(|c| figure(scale * c)).join(" ");
+        Rejected {
+            why: Rejection::Touches,
+            message: format!("{what} {at}, where it is not manifold"),
+        }
+    });
     let measures = solid.measures();
     if measures.volume <= 0.0 {
-        return Err(Error::input(format!(
+        return Err(does_not_close(format!(
             "the boundary is turned inside out: its volume is {}",
             measures.volume
         )));
     }
-    let parts = solid.shells().iter().filter(|s| solid.volume_of(s) > 0.0).count();
     Ok(Solution {
-        cost: solid.faces.len() as f64 + 1000.0 * parts.saturating_sub(1) as f64,
+        cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,
+        bodies_touch: contacts.first().is_some_and(|c| c.is_between_bodies),
+        touches,
     })
 }
 

@@ -168,8 +168,8 @@ fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
     (is_long && edge.start != edge.end).then(|| edge.curve.point(0.5 * (from + to)))
 }
 
-/// The shells of a solid: the outer one first, then those of voids.
-pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::Result<Vec<Id>> {
+/// The shells of every body of a solid: the outer one first, then those of voids.
+pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::Result<Vec<Vec<Id>>> {
     let mut vertices = Vec::with_capacity(solid.vertices.len());
     for vertex in &solid.vertices {
         let point = write_point(out, *vertex)?;
@@ -193,44 +193,49 @@ pub(super) fn write_shells<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
             .collect();
         edges.push(parts?);
     }
-    let mut shells = solid.shells();
-    shells.sort_by(|a, b| solid.volume_of(b).total_cmp(&solid.volume_of(a)));
-    let mut written = Vec::with_capacity(shells.len());
-    for shell in shells {
-        let mut faces = Vec::with_capacity(shell.len());
-        for index in shell {
-            let face = &solid.faces[index];
-            let surface = write_surface(out, &seam_aside(solid, face))?;
-            let mut bounds = Vec::with_capacity(face.loops.len());
-            for (k, ring) in face.loops.iter().enumerate() {
-                let mut oriented = Vec::with_capacity(ring.len());
-                for coedge in ring {
-                    let sense = if coedge.forward { "T" } else { "F" };
-                    let mut parts = edges[coedge.edge].clone();
-                    if !coedge.forward {
-                        parts.reverse();
-                    }
-                    for part in parts {
-                        oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{part},.{sense}.)"))?);
-                    }
-                }
-                let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
-                let kind = if k == 0 { "FACE_OUTER_BOUND" } else { "FACE_BOUND" };
-                bounds.push(out.add(format_args!("{kind}('',{ring},.T.)"))?);
-            }
-            let sense = if face.outward { "T" } else { "F" };
-            let id = out.begin()?;
-            write!(out.writer(), "ADVANCED_FACE('',(")?;
-            for (k, bound) in bounds.iter().enumerate() {
-                write!(out.writer(), "{}{bound}", if k > 0 { "," } else { "" })?;
-            }
-            write!(out.writer(), "),{surface},.{sense}.)")?;
-            out.end()?;
-            faces.push(id);
-        }
-        written.push(out.add_list("CLOSED_SHELL('',", &faces)?);
+    let mut written = Vec::new();
+    for body in solid.bodies() {
+        let shells = std::iter::once(&body.outer).chain(&body.voids);
+        let ids: io::Result<Vec<Id>> = shells.map(|shell| write_shell(out, solid, &edges, shell)).collect();
+        written.push(ids?);
     }
     Ok(written)
+}
+
+/// A closed shell, by its faces.
+fn write_shell<W: Write>(out: &mut Part21<W>, solid: &Solid, edges: &[Vec<Id>], shell: &[usize]) -> io::Result<Id> {
+    let mut faces = Vec::with_capacity(shell.len());
+    for &index in shell {
+        let face = &solid.faces[index];
+        let surface = write_surface(out, &seam_aside(solid, face))?;
+        let mut bounds = Vec::with_capacity(face.loops.len());
+        for (k, ring) in face.loops.iter().enumerate() {
+            let mut oriented = Vec::with_capacity(ring.len());
+            for coedge in ring {
+                let sense = if coedge.forward { "T" } else { "F" };
+                let mut parts = edges[coedge.edge].clone();
+                if !coedge.forward {
+                    parts.reverse();
+                }
+                for part in parts {
+                    oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{part},.{sense}.)"))?);
+                }
+            }
+            let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
+            let kind = if k == 0 { "FACE_OUTER_BOUND" } else { "FACE_BOUND" };
+            bounds.push(out.add(format_args!("{kind}('',{ring},.T.)"))?);
+        }
+        let sense = if face.outward { "T" } else { "F" };
+        let id = out.begin()?;
+        write!(out.writer(), "ADVANCED_FACE('',(")?;
+        for (k, bound) in bounds.iter().enumerate() {
+            write!(out.writer(), "{}{bound}", if k > 0 { "," } else { "" })?;
+        }
+        write!(out.writer(), "),{surface},.{sense}.)")?;
+        out.end()?;
+        faces.push(id);
+    }
+    out.add_list("CLOSED_SHELL('',", &faces)
 }
 
 #[cfg(test)]
@@ -303,7 +308,7 @@ mod tests {
         assert_eq!(middle_of_long_arc(&part(0.0, PI).edges[0]), None);
         let mut written = Vec::new();
         let mut out = Part21::new(&mut written);
-        write_shells(&mut out, &long).expect("a buffer takes all");
+        write_bodies(&mut out, &long).expect("a buffer takes all");
         let text = String::from_utf8(written).expect("text");
         assert_eq!(text.matches("EDGE_CURVE").count(), 6);
         assert_eq!(text.matches("ORIENTED_EDGE").count(), 6);

@@ -4,6 +4,7 @@
 //! imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its p-value is reported.
 
 use super::Part;
+use super::lengths::in_unit;
 use super::report::{ReportedValue, as_map, canonical};
 use crate::graphs::{GraphsOfView, NamedStructure};
 use crate::next::Length;
@@ -203,7 +204,7 @@ pub(super) fn constrained(
         .map(|(part, seen)| estimated(part, *seen))
         .collect();
     let sketch = Sketch::new(&contours)?;
-    let given = given(job, &sketch)?;
+    let given = given(job, &sketch, unit.unwrap_or(Unit::Millimetre))?;
     let mut options = ConstrainOptions {
         given,
         ..ConstrainOptions::default()
@@ -259,10 +260,10 @@ pub(super) fn constrained(
 }
 
 /// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest set.
-fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
+fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constraint>> {
     let mut all = sketch.given.clone();
     for sentence in &job.given {
-        let constraint = Constraint::parse(sentence, &sketch.drawing)?;
+        let constraint = Constraint::parse(&in_unit(sentence, unit)?, &sketch.drawing)?;
         constraint.require_parts(&sketch.drawing)?;
         all.push(constraint);
     }
@@ -279,6 +280,9 @@ fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
         .iter()
         .map(|conflict| {
             let others: Vec<String> = conflict.with.iter().map(|&i| words(i)).collect();
+            if others.is_empty() {
+                return format!("`{}` cannot hold of these contours at all", words(conflict.constraint));
+            }
             format!(
                 "`{}` cannot hold together with {}",
                 words(conflict.constraint),
@@ -286,7 +290,11 @@ fn given(job: &ConstrainJob, sketch: &Sketch) -> Result<Vec<Constraint>> {
             )
         })
         .collect();
-    Err(Error::input(format!("{}: leave one of each set out", sets.join("; "))))
+    let advice = match found.conflicting.iter().all(|conflict| conflict.with.is_empty()) {
+        true => "leave it out, or give another size",
+        false => "leave one of each set out",
+    };
+    Err(Error::input(format!("{}: {advice}", sets.join("; "))))
 }
 
 fn quoted(names: &[String]) -> String {

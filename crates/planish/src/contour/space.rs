@@ -1,6 +1,7 @@
 //! Planes, spheres, cylinders and boxes from readings in space.
 
 use super::report::part_warnings;
+use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
 use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, shape_page};
@@ -31,6 +32,7 @@ pub(super) fn shape_files(
             "shapes in space stand still and have an equation a side: leave out --motion and --product",
         ));
     }
+    unused::refuse_unused(job, unused::Readings::Space)?;
     progress.check("reading", 0.0)?;
     let rays = read_ray_readings(&job.input, &job.sigma)?;
     progress.check("fitting", 0.1)?;

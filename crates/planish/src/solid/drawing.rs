@@ -1,12 +1,13 @@
 //! A drawing's files as views: read, placed in one frame, and looked over for what cannot be meant.
 
+use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::{SolidJob, kinds};
 use planish_estimate::{Error, Result};
 use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
 use planish_exchange::{Unit, extension};
 use planish_solid::views::{
-    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, views_of_sheet,
+    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined, views_of_sheet,
 };
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -63,6 +64,9 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
     if let [path] = &job.views[..] {
         let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
         drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
+    }
+    if let Some(tolerance) = job.tolerance {
+        drawing = joined(&drawing, tolerance).map_err(|e| e.in_context(format!("--tolerance {tolerance:e}")))?;
     }
     check_extents(&drawing, &job.views)?;
     let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
@@ -156,9 +160,19 @@ fn place_at_origin(curves: &mut [DrawnCurve]) {
     }
 }
 
-/// Why no solid was found, with the first end that meets no line.
+/// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open outlines.
+pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+    let mut found = nearly_equal_extents(drawing, paths);
+    found.extend(summary(&nearly_meeting_ends(drawing, paths)));
+    if found.is_empty() {
+        found = open_ends(drawing, paths);
+    }
+    found
+}
+
+/// Why no solid was found, with the first of these.
 pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Error {
-    match open_ends(drawing, paths).into_iter().next() {
+    match misses(drawing, paths).into_iter().next() {
         Some(open) => error.in_context(open),
         None => error,
     }
@@ -166,7 +180,7 @@ pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Err
 
 /// Ends of visible lines at which no other line of the view is, each named: where no solid was found, an open outline is a likely reason. (Where a
 /// smooth edge is left out, as in drafting, lines end openly, too.)
-pub(super) fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
     let near = MEETS * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {

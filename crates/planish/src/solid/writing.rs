@@ -7,7 +7,7 @@ use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, extension};
 use planish_mesh::TriangleMesh;
 use planish_solid::brep::Solid;
-use planish_solid::tessellation::tessellate;
+use planish_solid::tessellation::{MOST_TRIANGLES, least_tolerance, tessellate, triangles_needed};
 use planish_solid::views::Solution;
 use std::path::{Path, PathBuf};
 
@@ -31,6 +31,7 @@ pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance:
     let one = |(index, solution): (usize, &&'a Solution)| {
         let solid = &solution.solid;
         let mesh = match is_meshed {
+            true if triangles_needed(solid, tolerance) > MOST_TRIANGLES => return Err(too_fine(solid, tolerance)),
             true => Some(tessellate(solid, tolerance).map_err(|e| no_mesh(&e, index + 1))?),
             false => None,
         };
@@ -40,6 +41,16 @@ pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance:
         Ok(Prepared { solid, mesh })
     };
     solutions.iter().enumerate().map(one).collect()
+}
+
+/// What a tolerance would need, and what works.
+fn too_fine(solid: &Solid, tolerance: f64) -> Error {
+    Error::input(format!(
+        "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most {MOST_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
+        triangles_needed(solid, tolerance),
+        // Rounded up, so that it works.
+        1.06 * least_tolerance(solid)
+    ))
 }
 
 /// STL holds 32-bit numbers: far from the origin they are farther apart than the mesh may miss the solid.
@@ -130,6 +141,7 @@ mod tests {
             graphs: Vec::new(),
             outputs: vec![PathBuf::from(output)],
             mesh_tolerance: None,
+            tolerance: None,
             all: false,
             unit: None,
         };

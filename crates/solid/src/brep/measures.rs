@@ -66,6 +66,13 @@ impl Solid {
             / 3.0
     }
 
+    /// The area of some of its faces.
+    #[must_use]
+    pub fn area_of(&self, faces: &[usize]) -> f64 {
+        let origin = self.vertices.first().copied().unwrap_or_default();
+        faces.iter().map(|f| self.integrals(&self.faces[*f], origin)[0]).sum()
+    }
+
     /// Over a face: 1, `p · n`, and `p_k² n_k`, with p from the origin and n outwards.
     fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sign = if face.outward { 1.0 } else { -1.0 };

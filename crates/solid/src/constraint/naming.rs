@@ -174,12 +174,17 @@ impl Constraint {
     }
 }
 
-/// Eight digits: more than any estimate is known to.
-fn rounded(value: f64) -> f64 {
-    let digits = 7 - value.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
-    if !value.is_finite() || digits > 300 {
-        return value;
+/// Eight digits: more than any estimate is known to. Of very large and very small ones in powers of ten.
+fn rounded(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || (1e-6..1e12).contains(&size) {
+        let scale = 10_f64.powi(7 - size.max(f64::MIN_POSITIVE).log10().floor() as i32);
+        return match value == 0.0 {
+            true => "0".to_owned(),
+            false => ((value * scale).round() / scale).to_string(),
+        };
     }
-    let scale = 10_f64.powi(digits);
-    (value * scale).round() / scale
+    // Read and written again, so that zeros at the end are left out.
+    let short = format!("{value:.7e}");
+    short.parse::<f64>().map_or(short, |v| format!("{v:e}"))
 }

@@ -1,11 +1,11 @@
 //! Points along drawn curves and along the solid's lines, each looked for in the other.
 
-use super::faces::TrimmedFace;
 use super::nearby::{Nearby, Piece};
 use super::outlines::{Edges, Outline, outlines};
 use super::scene::{Eye, Scene};
 use super::{CompareOptions, Disagreement};
 use crate::brep::Solid;
+use crate::brep::TrimmedFace;
 use crate::views::{Curve2, Drawing, LineStyle, View};
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
 //! What can be drawn of a solid in a view: edges, and where the line of sight touches curved faces.
 
-use super::faces::TrimmedFace;
 use super::scene::Eye;
+use crate::brep::TrimmedFace;
 use crate::brep::{Coedge, Curve, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};
@@ -165,7 +165,22 @@ fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize
     let are_planes = [f, g]
         .iter()
         .all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
-    (any || are_planes).then_some(any && all)
+    (any || are_planes || is_tangent(solid, f, g)).then_some(any && all)
+}
+
+/// Whether a smooth edge of two faces is where one surface runs into another, which some drawings show: not a seam, or a cut of one surface.
+fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
+    let radius = |k: usize| match solid.faces[k].surface {
+        Surface::Cylinder { radius, .. } | Surface::Sphere { radius, .. } => radius,
+        Surface::Torus { minor, .. } => minor,
+        Surface::Cone { half_angle_rad, .. } => half_angle_rad,
+        Surface::Plane { .. } => 0.0,
+    };
+    let [a, b] = [&solid.faces[f], &solid.faces[g]];
+    let is_same = std::mem::discriminant(&a.surface) == std::mem::discriminant(&b.surface)
+        && a.outward == b.outward
+        && (radius(f) - radius(g)).abs() <= SMOOTH * radius(f);
+    f != g && !is_same
 }
 
 /// Where the line of sight touches a curved face: `n · e = 0`, with the face on both sides.

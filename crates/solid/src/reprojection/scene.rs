@@ -1,6 +1,6 @@
 //! Whether a point of a solid is seen.
 
-use super::faces::TrimmedFace;
+use crate::brep::TrimmedFace;
 use crate::views::ViewKind;
 use planish_estimate::vector3::dot;
 

@@ -277,3 +277,26 @@ fn faces_over_poles_and_tips_close() {
         }
     }
 }
+
+#[test]
+fn a_tolerance_that_needs_too_many_triangles_is_refused_with_the_least_that_works() {
+    let mut ball = Solid::default();
+    let surface = Surface::Sphere {
+        center: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+        radius: 10.0,
+    };
+    ball.add_whole(surface, true);
+    let told = tessellate(&ball, 1e-9).unwrap_err().to_string();
+    assert!(
+        told.contains("needs about") && told.contains("as with a tolerance of"),
+        "{told}"
+    );
+    let least = least_tolerance(&ball);
+    assert!(triangles_needed(&ball, least) <= MOST_TRIANGLES && triangles_needed(&ball, 0.98 * least) > MOST_TRIANGLES);
+    // What is said to be needed is what is made, within a factor of three.
+    let made = tessellate(&ball, 1e-2).unwrap().triangles.len() as f64;
+    let needed = triangles_needed(&ball, 1e-2);
+    assert!((needed / 3.0..3.0 * needed).contains(&made), "{made} of {needed}");
+}

@@ -146,6 +146,42 @@ pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
 }
 
+/// The point of a curve that is nearest to a point.
+#[must_use]
+pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
+    if let Curve2::Arc {
+        center,
+        radius,
+        start,
+        sweep,
+    } = curve
+    {
+        let angle = (p[1] - center[1]).atan2(p[0] - center[0]);
+        let along = (angle - start).rem_euclid(TAU);
+        // Beyond the arc, the nearer of its ends.
+        let along = match (along <= *sweep, along - sweep < TAU - along) {
+            (true, _) => along,
+            (false, true) => *sweep,
+            (false, false) => 0.0,
+        };
+        let (sin, cos) = (start + along).sin_cos();
+        return [center[0] + radius * cos, center[1] + radius * sin];
+    }
+    let points = curve.points();
+    let on = |pair: &[[f64; 2]]| {
+        let d = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
+        let square = d[0] * d[0] + d[1] * d[1];
+        let share = match square > 0.0 {
+            true => (((p[0] - pair[0][0]) * d[0] + (p[1] - pair[0][1]) * d[1]) / square).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        [0, 1].map(|k| pair[0][k] + share * d[k])
+    };
+    let all = points.windows(2).map(on);
+    all.min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p)))
+        .unwrap_or(points[0])
+}
+
 /// A curve with its style, and what the file calls it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnCurve {

@@ -5,6 +5,7 @@
 
 use super::cells::Cells;
 use super::drawing::LineStyle;
+use super::preference::Preference;
 use super::sight::{Group, Look, LookPlace, Looks};
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -20,16 +21,26 @@ pub(crate) struct Found {
     pub(crate) unexplained: Vec<(Option<LineStyle>, LookPlace)>,
 }
 
+/// Which edges lines may stand for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum SmoothEdges {
+    /// Drawn lines are edges at which faces meet at an angle, and outlines.
+    NotDrawn,
+    /// Drawn lines may be tangent edges as well; these need not be drawn.
+    MayBeDrawn,
+}
+
 struct Encoder {
     solver: BasicSolver,
     outside: u32,
     cells: BTreeMap<u32, Var>,
-    events: HashMap<Group, Lit>,
+    events: HashMap<(Group, SmoothEdges), Lit>,
     truth: Lit,
+    smooth_edges: SmoothEdges,
 }
 
 impl Encoder {
-    fn new(outside: u32) -> Self {
+    fn new(outside: u32, smooth_edges: SmoothEdges) -> Self {
         let mut solver = BasicSolver::default();
         let truth = Lit::new(solver.new_var_default(), true);
         solver.add_clause_reuse(&mut vec![truth]);
@@ -39,6 +50,7 @@ impl Encoder {
             cells: BTreeMap::new(),
             events: HashMap::new(),
             truth,
+            smooth_edges,
         }
     }
 
@@ -66,9 +78,14 @@ impl Encoder {
         self.solver.add_clause_reuse(&mut literals);
     }
 
-    /// The literal that there is an edge at a group.
-    fn event(&mut self, group: &Group) -> Lit {
-        if let Some(event) = self.events.get(group) {
+    /// The literal that there is an edge at a group, a tangent one or not.
+    fn event(&mut self, group: &Group, smooth_edges: SmoothEdges) -> Lit {
+        let smooth_edges = match group.tangent.is_empty() {
+            true => SmoothEdges::NotDrawn,
+            false => smooth_edges,
+        };
+        let key = (group.clone(), smooth_edges);
+        if let Some(event) = self.events.get(&key) {
             return *event;
         }
         let event = self.fresh();
@@ -93,20 +110,26 @@ impl Encoder {
                     }
                 })
                 .collect();
-            match edge(group, state) {
+            match edge(group, smooth_edges, state) {
                 Some(true) => clause.push(event),
                 Some(false) => clause.push(!event),
                 None => continue,
             }
             self.clause(clause);
         }
-        self.events.insert(group.clone(), event);
+        self.events.insert(key, event);
         event
     }
 
     /// Adds a look, in force while its switch is on.
     fn add(&mut self, look: &Look, switch: Lit) {
-        let events: Vec<Lit> = look.groups.iter().map(|g| self.event(g)).collect();
+        // What must not be seen is an edge at an angle; what is drawn may be a tangent one.
+        let (forbidden, drawn) = (SmoothEdges::NotDrawn, self.smooth_edges);
+        let seen_as = match look.style {
+            Some(LineStyle::Visible) => drawn,
+            _ => forbidden,
+        };
+        let events: Vec<Lit> = look.groups.iter().map(|g| self.event(g, seen_as)).collect();
         let Some(style) = look.style else {
             for event in events {
                 self.clause(vec![!switch, !event]);
@@ -134,7 +157,7 @@ impl Encoder {
                 for seen in visible {
                     self.clause(vec![!switch, !seen]);
                 }
-                let mut any = events;
+                let mut any: Vec<Lit> = look.groups.iter().map(|g| self.event(g, drawn)).collect();
                 any.push(!switch);
                 self.clause(any);
             }
@@ -164,6 +187,33 @@ impl Encoder {
         }
     }
 
+    /// The literal under which cells that a preference pairs have one state.
+    fn prefer(&mut self, preference: &Preference) -> Lit {
+        let switch = self.fresh();
+        for [a, b] in &preference.pairs {
+            let (a, b) = (self.solid(*a), self.solid(*b));
+            self.clause(vec![!switch, !a, b]);
+            self.clause(vec![!switch, a, !b]);
+        }
+        switch
+    }
+
+    /// Solves with what must be on and as many preferences as go together; gives back all that was assumed.
+    fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Vec<Lit> {
+        loop {
+            let assumed: Vec<Lit> = on.iter().chain(&preferred).copied().collect();
+            if self.solver.solve_limited(&assumed) == lbool::TRUE || preferred.is_empty() {
+                return assumed;
+            }
+            let core: Vec<Lit> = self.solver.unsat_core().to_vec();
+            let in_core = |l: &Lit| core.contains(l) || core.contains(&!*l);
+            match preferred.iter().position(in_core) {
+                Some(at) => drop(preferred.remove(at)),
+                None => preferred.clear(),
+            }
+        }
+    }
+
     fn assignment(&self) -> Assignment {
         self.cells
             .iter()
@@ -173,7 +223,7 @@ impl Encoder {
 }
 
 /// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they show one.
-fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
+fn edge(group: &Group, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
     let boundary: Vec<u8> = (0..n)
@@ -182,7 +232,10 @@ fn edge(group: &Group, state: impl Fn(u32) -> bool) -> Option<bool> {
         .collect();
     match boundary[..] {
         [] => Some(false),
-        [a, b] => Some(!group.smooth.contains(&[a, b])),
+        [a, b] if group.smooth.contains(&[a, b]) => {
+            Some(smooth_edges == SmoothEdges::MayBeDrawn && group.tangent.contains(&[a, b]))
+        }
+        [_, _] => Some(true),
         // Parts of the boundary touch along a line. Where all of them run smoothly through, as where a hole touches a wall, some draw it and some not.
         _ => (!pairs_up(&boundary, &group.smooth)).then_some(true),
     }
@@ -203,10 +256,12 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
 }
 
 /// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states make no difference: assignments that differ
-/// from a later one in these only are not searched for.
+/// from a later one in these only are not searched for. Assignments that meet all preferences that can be met together come first.
 pub(crate) fn search(
     cells: &Cells,
     looks: &Looks,
+    smooth_edges: SmoothEdges,
+    preferences: &[Preference],
     most: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
 ) -> Found {
@@ -214,7 +269,7 @@ pub(crate) fn search(
         [0, 0, 0],
         [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
     );
-    let mut encoder = Encoder::new(outside);
+    let mut encoder = Encoder::new(outside, smooth_edges);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
     for (index, (look, _)) in looks.looks.iter().enumerate() {
         let switch = encoder.fresh();
@@ -250,6 +305,8 @@ pub(crate) fn search(
             unexplained,
         };
     }
+    let preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
+    let mut assumed = encoder.first_choice(&on, preferred);
     let mut indifferent: HashSet<u32> = HashSet::new();
     let mut count = 0;
     loop {
@@ -268,7 +325,13 @@ pub(crate) fn search(
         if !block.is_empty() {
             encoder.clause(block);
         }
-        if !goes_on || encoder.solver.solve_limited(&on) != lbool::TRUE {
+        let mut is_found = goes_on && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
+        if goes_on && !is_found && assumed.len() > on.len() {
+            // Nothing more that meets the preferences: the others.
+            assumed.clone_from(&on);
+            is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
+        }
+        if !is_found {
             return Found {
                 complete: count < most,
                 unexplained,

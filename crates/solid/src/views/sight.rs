@@ -28,6 +28,8 @@ pub(crate) struct Group {
     pub(crate) sectors: Vec<u32>,
     /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
     pub(crate) smooth: Vec<[u8; 2]>,
+    /// Those of them that are parts of two surfaces: where these bound a solid there is a tangent edge, which some drawings show.
+    pub(crate) tangent: Vec<[u8; 2]>,
 }
 
 /// What two lines of sight on both sides of a point meet, and what is drawn there.
@@ -348,13 +350,14 @@ fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
 /// A half-surface that meets the line of a group.
 #[derive(Clone, Copy)]
 enum Half {
-    Before(Option<[f64; 3]>),
-    Behind(Option<[f64; 3]>),
+    Before(SurfaceId, Option<[f64; 3]>),
+    Behind(SurfaceId, Option<[f64; 3]>),
     Wall,
 }
 
 struct Limit {
     depth: f64,
+    surface: SurfaceId,
     normal: Option<[f64; 3]>,
     cell: u32,
 }
@@ -371,6 +374,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             normal[along] = 1.0;
             Limit {
                 depth: entry.depth,
+                surface: entry.surface,
                 normal: Some(normal),
                 cell: entry.cell,
             }
@@ -388,6 +392,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             p[along] = depth;
             Limit {
                 depth: depth * sign,
+                surface: entry.surface,
                 normal: Some(wall.normal_of(p)),
                 cell: entry.cell,
             }
@@ -410,6 +415,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             (normal[axes[0]], normal[axes[1]]) = (n[0], n[1]);
             Limit {
                 depth: depth * sign,
+                surface: entry.surface,
                 normal: Some(normal),
                 cell: entry.cell,
             }
@@ -498,39 +504,50 @@ fn look(
 
 fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
     let before = *now;
-    let mut sides: [Vec<(u32, Option<[f64; 3]>)>; 2] = Default::default();
+    let mut sides: [Vec<&Limit>; 2] = Default::default();
     for (side, limit) in limits {
-        sides[*side].push((limit.cell, limit.normal));
+        sides[*side].push(limit);
         now[*side] = limit.cell;
     }
     // Around the line: down the first side, across the wall behind, up the second side, across the wall in front.
     let mut sectors = vec![before[0]];
     let mut halves: Vec<Half> = Vec::new();
-    for (cell, normal) in &sides[0] {
-        halves.push(Half::Before(*normal));
-        sectors.push(*cell);
+    for limit in &sides[0] {
+        halves.push(Half::Before(limit.surface, limit.normal));
+        sectors.push(limit.cell);
     }
     halves.push(Half::Wall);
-    let second: Vec<u32> = std::iter::once(before[1]).chain(sides[1].iter().map(|s| s.0)).collect();
+    let second: Vec<u32> = std::iter::once(before[1])
+        .chain(sides[1].iter().map(|limit| limit.cell))
+        .collect();
     for k in (0..second.len()).rev() {
         sectors.push(second[k]);
         halves.push(match k {
             0 => Half::Wall,
-            _ => Half::Behind(sides[1][k - 1].1),
+            _ => Half::Behind(sides[1][k - 1].surface, sides[1][k - 1].normal),
         });
     }
-    let mut smooth = Vec::new();
+    let (mut smooth, mut tangent) = (Vec::new(), Vec::new());
     for i in 0..halves.len() {
         for j in i + 1..halves.len() {
-            let continues = match (halves[i], halves[j]) {
-                (Half::Wall, Half::Wall) => true,
-                (Half::Before(a), Half::Behind(b)) | (Half::Behind(b), Half::Before(a)) => parallel(a, b),
-                _ => false,
-            };
-            if continues {
-                smooth.push([i as u8, j as u8]);
+            let pair = [i as u8, j as u8];
+            match (halves[i], halves[j]) {
+                (Half::Wall, Half::Wall) => smooth.push(pair),
+                (Half::Before(s, a), Half::Behind(t, b)) | (Half::Behind(t, b), Half::Before(s, a))
+                    if parallel(a, b) =>
+                {
+                    smooth.push(pair);
+                    if s != t {
+                        tangent.push(pair);
+                    }
+                }
+                _ => {}
             }
         }
     }
-    Group { sectors, smooth }
+    Group {
+        sectors,
+        smooth,
+        tangent,
+    }
 }

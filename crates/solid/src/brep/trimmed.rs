@@ -4,7 +4,7 @@
 //! gone: where it is larger than half an interval, the ray meets nothing there. Whether a point of the surface is in the face is told by the
 //! nearest loop along the second parameter, of spheres and tori else along the first: loops have their face to the left.
 
-use crate::brep::{Coedge, Face, Solid, Surface, along, unit};
+use super::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{PI, TAU};
 
@@ -21,7 +21,7 @@ struct LoopPoint {
 }
 
 /// A face, ready for rays.
-pub(super) struct TrimmedFace<'a> {
+pub(crate) struct TrimmedFace<'a> {
     solid: &'a Solid,
     face: &'a Face,
     /// Points along each coedge, as the loop runs.
@@ -29,7 +29,7 @@ pub(super) struct TrimmedFace<'a> {
     /// Whether the second parameter is an angle, too.
     second_is_angle: bool,
     /// A box around the face: least and largest coordinates.
-    pub(super) bounds: [[f64; 3]; 2],
+    pub(crate) bounds: [[f64; 3]; 2],
 }
 
 /// The difference of two angles in (−π, π].
@@ -39,7 +39,7 @@ fn turn(angle: f64) -> f64 {
 
 impl<'a> TrimmedFace<'a> {
     /// Prepares a face; one whose surface may bulge beyond its loops is bounded by `reach` alone.
-    pub(super) fn new(solid: &'a Solid, face: &'a Face, reach: [[f64; 3]; 2]) -> Self {
+    pub(crate) fn new(solid: &'a Solid, face: &'a Face, reach: [[f64; 3]; 2]) -> Self {
         let scanned = |p: [f64; 3]| scan_parameters(&face.surface, p);
         let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
         let coedges = face
@@ -89,23 +89,23 @@ impl<'a> TrimmedFace<'a> {
         }
     }
 
-    pub(super) fn surface(&self) -> &Surface {
+    pub(crate) fn surface(&self) -> &Surface {
         &self.face.surface
     }
 
     /// The normal that points out of the solid.
-    pub(super) fn outward(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn outward(&self, p: [f64; 3]) -> [f64; 3] {
         let n = self.face.surface.normal(p);
         if self.face.outward { n } else { n.map(|c| -c) }
     }
 
     /// Whether the second parameter is an angle as well as the first.
-    pub(super) fn second_is_angle(&self) -> bool {
+    pub(crate) fn second_is_angle(&self) -> bool {
         self.second_is_angle
     }
 
     /// Parameters of points along the loops.
-    pub(super) fn loop_parameters(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+    pub(crate) fn loop_parameters(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         self.coedges
             .iter()
             .flat_map(|(coedge, points)| points.iter().map(move |p| (coedge, p.t)))
@@ -117,7 +117,7 @@ impl<'a> TrimmedFace<'a> {
     }
 
     /// Whether a point of the surface lies in the face.
-    pub(super) fn contains(&self, p: [f64; 3]) -> bool {
+    pub(crate) fn contains(&self, p: [f64; 3]) -> bool {
         if self.coedges.is_empty() {
             return true;
         }
@@ -257,7 +257,7 @@ impl<'a> TrimmedFace<'a> {
     }
 
     /// How far along a ray the surface is met, between two distances; within the face or not.
-    pub(super) fn met(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Vec<f64> {
+    pub(crate) fn met(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Vec<f64> {
         match &self.face.surface {
             Surface::Plane { normal, .. } => {
                 let speed = dot(*normal, direction);
@@ -296,7 +296,7 @@ impl<'a> TrimmedFace<'a> {
 }
 
 /// Where a ray meets a surface of which only the signed distance is known; places where it only touches are left out.
-pub(super) fn met_by_distance(
+pub(crate) fn met_by_distance(
     surface: &Surface,
     origin: [f64; 3],
     direction: [f64; 3],
@@ -323,7 +323,7 @@ pub(super) fn met_by_distance(
 }
 
 /// An edge's parameters at the ends of its pieces, and where its first scanned parameter turns back: between them it runs one way.
-fn turning_points(edge: &crate::brep::Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2]) -> Vec<f64> {
+fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2]) -> Vec<f64> {
     let [from, to] = edge.range;
     let step = 1e-6 * (to - from);
     let rises = |t: f64| turn(scanned(t + step)[0] - scanned(t - step)[0]) > 0.0;
@@ -356,15 +356,13 @@ fn scan_parameters(surface: &Surface, p: [f64; 3]) -> [f64; 2] {
     }
 }
 
-impl crate::brep::Edge {
+impl Edge {
     /// Pieces in which the edge turns by little: straight ones in one, others every 15° or at each of a spline's points.
-    pub(super) fn pieces(&self) -> usize {
+    pub(crate) fn pieces(&self) -> usize {
         match &self.curve {
-            crate::brep::Curve::Line { .. } => 1,
-            crate::brep::Curve::Ellipse { .. } => {
-                (((self.range[1] - self.range[0]) / (PI / 12.0)).ceil() as usize).max(2)
-            }
-            crate::brep::Curve::Spline { points, .. } => points.len().max(2) - 1,
+            Curve::Line { .. } => 1,
+            Curve::Ellipse { .. } => (((self.range[1] - self.range[0]) / (PI / 12.0)).ceil() as usize).max(2),
+            Curve::Spline { points, .. } => points.len().max(2) - 1,
         }
     }
 }

@@ -1,0 +1,153 @@
+//! What nearly fits in a drawing: ends that miss each other by little, views whose sizes differ by little. Told where no solid was found.
+
+use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
+use std::path::PathBuf;
+
+/// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
+const NEARLY: f64 = 2e-3;
+
+/// Within this, coordinates are one without a word: a share of the drawing's size, and a length that stands for rounding in files.
+fn same(drawing: &Drawing) -> f64 {
+    1e-6 * drawing.size()
+}
+
+fn file(paths: &[PathBuf], view: usize) -> String {
+    paths
+        .get(view.min(paths.len().saturating_sub(1)))
+        .map_or_else(String::new, |path| path.display().to_string())
+}
+
+/// Views that share an axis and span it nearly, but not quite, the same: scales that differ by a thousandth, or an outline that is a little too long.
+pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut seen: [Option<(f64, usize)>; 3] = [None; 3];
+    for (index, view) in drawing.views.iter().enumerate() {
+        for k in 0..2 {
+            let axis = view.kind.axes()[k];
+            let points = view.curves.iter().flat_map(|c| c.curve.points());
+            let [lo, hi] = points.fold([f64::MAX, f64::MIN], |[lo, hi], p| [lo.min(p[k]), hi.max(p[k])]);
+            let size = hi - lo;
+            let Some((first, other)) = seen[axis] else {
+                seen[axis] = Some((size, index));
+                continue;
+            };
+            let off = (size - first).abs();
+            if off > same(drawing) && off <= NEARLY * drawing.size() {
+                found.push(format!(
+                    "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} times as long: needed one scale; --tolerance {:.1e} takes coordinates so near for one",
+                    file(paths, index),
+                    view.kind.name(),
+                    ["x", "y", "z"][axis],
+                    drawing.views[other].kind.name(),
+                    file(paths, other),
+                    size / first,
+                    1.1 * off
+                ));
+            }
+        }
+    }
+    found
+}
+
+/// Ends of visible lines that come near another line and do not meet it.
+pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+    let (same, nearly) = (same(drawing), NEARLY * drawing.size());
+    let mut found = Vec::new();
+    for (index, view) in drawing.views.iter().enumerate() {
+        let is_closed = |curve: &Curve2| {
+            let points = curve.points();
+            distance(points[0], points[points.len() - 1]) <= same
+        };
+        for (k, drawn) in view.curves.iter().enumerate() {
+            if drawn.style != LineStyle::Visible || is_closed(&drawn.curve) {
+                continue;
+            }
+            let points = drawn.curve.points();
+            for end in [points[0], points[points.len() - 1]] {
+                let others = view.curves.iter().enumerate().filter(|(other, _)| *other != k);
+                let nearest = others
+                    .map(|(_, other)| (nearest_on_curve(&other.curve, end), &other.entity))
+                    .map(|(at, entity)| (distance(at, end), at, entity))
+                    .min_by(|a, b| a.0.total_cmp(&b.0));
+                if let Some((off, at, entity)) = nearest
+                    && off > same
+                    && off <= nearly
+                {
+                    found.push(format!(
+                        "{}: {} of the {} view ends at {:.6} {:.6}, {off:.1e} from {entity} at {:.6} {:.6}: --tolerance {:.1e} joins ends so near",
+                        file(paths, index),
+                        drawn.entity,
+                        view.kind.name(),
+                        end[0],
+                        end[1],
+                        at[0],
+                        at[1],
+                        1.1 * off
+                    ));
+                }
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_solid::views::{DrawnCurve, View, ViewKind};
+
+    fn rectangle(kind: ViewKind, [w, h]: [f64; 2], gap: f64) -> View {
+        let corners = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]];
+        let side = |k: usize| {
+            let mut to = corners[(k + 1) % 4];
+            if k == 0 {
+                to[0] -= gap;
+            }
+            DrawnCurve {
+                curve: Curve2::Segment(corners[k], to),
+                style: LineStyle::Visible,
+                entity: format!("LINE {k}"),
+            }
+        };
+        View {
+            kind,
+            curves: (0..4).map(side).collect(),
+        }
+    }
+
+    #[test]
+    fn both_ends_and_both_sizes_are_named_with_a_tolerance_that_joins_them() {
+        let paths = ["front.dxf", "top.dxf"].map(PathBuf::from);
+        let open = Drawing {
+            views: vec![
+                rectangle(ViewKind::Front, [40.0, 20.0], 1e-3),
+                rectangle(ViewKind::Top, [40.0, 30.0], 0.0),
+            ],
+        };
+        let told = nearly_meeting_ends(&open, &paths);
+        assert_eq!(
+            told[0],
+            "front.dxf: LINE 0 of the front view ends at 39.999000 0.000000, 1.0e-3 from LINE 1 at 40.000000 0.000000: --tolerance 1.1e-3 joins ends so near"
+        );
+        let scaled = Drawing {
+            views: vec![
+                rectangle(ViewKind::Front, [40.0, 20.0], 0.0),
+                rectangle(ViewKind::Top, [40.04, 30.0], 0.0),
+            ],
+        };
+        let told = nearly_equal_extents(&scaled, &paths);
+        assert_eq!(
+            told,
+            [
+                "top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, 1.001000 times as long: needed one scale; --tolerance 4.4e-2 takes coordinates so near for one"
+            ]
+        );
+        let fits = Drawing {
+            views: vec![
+                rectangle(ViewKind::Front, [40.0, 20.0], 0.0),
+                rectangle(ViewKind::Top, [40.0, 30.0], 0.0),
+            ],
+        };
+        assert!(nearly_meeting_ends(&fits, &paths).is_empty() && nearly_equal_extents(&fits, &paths).is_empty());
+    }
+}

@@ -1,0 +1,79 @@
+//! The bodies of a solid: what hangs together, each with the voids within it.
+
+use super::{Solid, TrimmedFace, along};
+use planish_estimate::vector3::{norm, sub};
+
+/// A ray in a direction that no drawing has: it runs along no face.
+const RAY: [f64; 3] = [0.577_31, 0.211_93, 0.788_54];
+
+/// A part of a solid that hangs together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// The faces of its outer shell, by index.
+    pub outer: Vec<usize>,
+    /// The faces of each void within it.
+    pub voids: Vec<Vec<usize>>,
+}
+
+impl Solid {
+    /// The bodies, the largest first; each void belongs to the smallest outer shell around it, by a ray from one of its points.
+    #[must_use]
+    pub fn bodies(&self) -> Vec<Body> {
+        let mut shells: Vec<(f64, Vec<usize>)> = self.shells().into_iter().map(|s| (self.volume_of(&s), s)).collect();
+        shells.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (outer, voids): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| s.0 > 0.0);
+        let mut bodies: Vec<Body> = outer
+            .into_iter()
+            .map(|(_, outer)| Body {
+                outer,
+                voids: Vec::new(),
+            })
+            .collect();
+        for (_, void) in voids {
+            let around = match bodies.len() {
+                0 => {
+                    return vec![Body {
+                        outer: void,
+                        voids: Vec::new(),
+                    }];
+                }
+                1 => 0,
+                n => (0..n)
+                    .rev()
+                    .find(|k| self.is_around(&bodies[*k].outer, &void))
+                    .unwrap_or(0),
+            };
+            bodies[around].voids.push(void);
+        }
+        bodies
+    }
+
+    /// Whether a shell is around another one: a ray from it crosses the shell's faces an odd number of times.
+    fn is_around(&self, shell: &[usize], inner: &[usize]) -> bool {
+        let Some(edge) = self.faces[inner[0]].loops.iter().flatten().next() else {
+            return false;
+        };
+        let edge = &self.edges[edge.edge];
+        let from = edge.curve.point(0.37 * edge.range[0] + 0.63 * edge.range[1]);
+        let (lo, hi) = self
+            .vertices
+            .iter()
+            .fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+                ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
+            });
+        // No face bulges beyond this: whole balls and rings have vertices on both sides of them.
+        let far = 4.0 * norm(sub(hi, lo));
+        let reach = [lo.map(|c| c - far), hi.map(|c| c + far)];
+        let crossings: usize = shell
+            .iter()
+            .map(|f| {
+                let face = TrimmedFace::new(self, &self.faces[*f], reach);
+                let met = face.met(from, RAY, [0.0, 3.0 * far]);
+                met.into_iter()
+                    .filter(|t| *t > 0.0 && face.contains(along(from, *t, RAY)))
+                    .count()
+            })
+            .sum();
+        crossings % 2 == 1
+    }
+}

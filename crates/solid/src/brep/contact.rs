@@ -1,0 +1,140 @@
+//! Where a boundary touches itself.
+//!
+//! Parts of a boundary that only touch have edges and vertices of their own in the same place. Each of them closes, so [`Solid::check`] passes; as sets of
+//! points they are not manifold: four faces meet along a line, or two fans of faces at a point. Within one body some parts are made like this (pockets that
+//! meet at their corners, a hole that touches a wall), and are read as solids; two bodies that only touch are neither one solid nor two.
+//!
+//! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the faces are manifold as they are written.
+
+use super::{Curve, Edge, Solid, along};
+use planish_estimate::vector3::{dot, norm, sub};
+
+/// Places of an edge, as shares of its range, that are looked for on others.
+const SHARES: [f64; 3] = [0.23, 0.5, 0.77];
+/// Pieces of an edge's curve between which the nearest point is looked for.
+const PIECES: usize = 24;
+
+/// A place at which the boundary touches itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// A point of it.
+    pub at: [f64; 3],
+    /// Whether two edges run in one place; else two vertices stand in one.
+    pub is_line: bool,
+    /// Whether what touches are two bodies.
+    pub is_between_bodies: bool,
+}
+
+impl Solid {
+    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along the shorter one, and of vertices, those
+    /// between bodies first.
+    ///
+    /// Cost: edges are compared where their boxes meet, so at most the square of their number.
+    #[must_use]
+    pub fn contacts(&self, tolerance: f64) -> Vec<Contact> {
+        let mut body_of = vec![0; self.faces.len()];
+        for (index, body) in self.bodies().iter().enumerate() {
+            for face in body.outer.iter().chain(body.voids.iter().flatten()) {
+                body_of[*face] = index;
+            }
+        }
+        let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
+        for (index, face) in self.faces.iter().enumerate() {
+            for coedge in face.loops.iter().flatten() {
+                faces_of[coedge.edge].push(index);
+            }
+        }
+        let body_of_edge = |edge: usize| faces_of[edge].first().map(|f| body_of[*f]);
+        let mut found = Vec::new();
+        let boxes: Vec<[[f64; 3]; 2]> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
+        for (index, edge) in self.edges.iter().enumerate() {
+            let [from, to] = edge.range;
+            let places = SHARES.map(|share| edge.curve.point(from + share * (to - from)));
+            for (other, near) in boxes.iter().enumerate() {
+                let in_box = |p: &[f64; 3]| (0..3).all(|k| p[k] >= near[0][k] && p[k] <= near[1][k]);
+                if other != index
+                    && places.iter().all(in_box)
+                    && places.iter().all(|p| self.edges[other].distance(*p) <= tolerance)
+                {
+                    let at = places[1];
+                    found.push(Contact {
+                        at,
+                        is_line: true,
+                        is_between_bodies: body_of_edge(index) != body_of_edge(other),
+                    });
+                }
+            }
+        }
+        let mut body_of_vertex = vec![None; self.vertices.len()];
+        for (index, edge) in self.edges.iter().enumerate() {
+            for vertex in [edge.start, edge.end] {
+                body_of_vertex[vertex] = body_of_edge(index);
+            }
+        }
+        for a in 0..self.vertices.len() {
+            for b in 0..a {
+                let at = self.vertices[a];
+                if norm(sub(at, self.vertices[b])) <= tolerance {
+                    found.push(Contact {
+                        at,
+                        is_line: false,
+                        is_between_bodies: body_of_vertex[a] != body_of_vertex[b],
+                    });
+                }
+            }
+        }
+        found.sort_by_key(|contact| !contact.is_between_bodies);
+        found
+    }
+}
+
+/// A box around an edge, larger by a margin and by what its curve may bulge between the points looked at.
+fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
+    let points = points(edge);
+    let longest = points.windows(2).map(|p| norm(sub(p[1], p[0]))).fold(0.0, f64::max);
+    let more = margin
+        + match edge.curve {
+            Curve::Line { .. } => 0.0,
+            _ => longest,
+        };
+    points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
+        [
+            [0, 1, 2].map(|k| lo[k].min(p[k] - more)),
+            [0, 1, 2].map(|k| hi[k].max(p[k] + more)),
+        ]
+    })
+}
+
+/// Points along an edge, at equal steps of its parameter.
+fn points(edge: &Edge) -> Vec<[f64; 3]> {
+    let [from, to] = edge.range;
+    let n = match edge.curve {
+        Curve::Line { .. } => 1,
+        _ => PIECES,
+    };
+    (0..=n)
+        .map(|k| edge.curve.point(from + (to - from) * k as f64 / n as f64))
+        .collect()
+}
+
+impl Edge {
+    /// The distance of a point: to the nearest of some points along the edge, and from there by steps across the tangent (Newton's without the curvature).
+    fn distance(&self, p: [f64; 3]) -> f64 {
+        let [from, to] = self.range;
+        let points = points(self);
+        let step = (to - from) / (points.len() - 1) as f64;
+        let off = |k: &usize| norm(sub(points[*k], p));
+        let nearest = (0..points.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        let mut t = from + step * nearest as f64;
+        for _ in 0..8 {
+            let d = self.curve.derivative(t);
+            let square = dot(d, d);
+            if square == 0.0 {
+                break;
+            }
+            t = (t + dot(sub(p, self.curve.point(t)), d) / square).clamp(from, to);
+        }
+        let straight = along(p, -1.0, self.curve.point(t));
+        norm(straight).min(off(&nearest))
+    }
+}

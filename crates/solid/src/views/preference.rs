@@ -1,0 +1,68 @@
+//! What is tried first: that cylinders are not used where a surface of revolution is in the same box.
+//!
+//! A half circle above a circle means half a ball, two crossing cylinders, or either of them in each quarter: four domes make hundreds of solids, of which
+//! only some are looked at. Comes in: cells. Goes out: for each circle that a view draws, pairs of cells on both sides of its cylinder, in the boxes through
+//! which a surface of revolution passes; the search first gives both cells of a pair one state.
+
+use super::cells::{Cells, pieces_in};
+use super::profile::Profile;
+use std::collections::BTreeMap;
+
+/// Places along a piece, and across the view, as shares.
+const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
+
+/// Cells that have one state where a cylinder is not used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Preference {
+    /// Cells on both sides.
+    pub(crate) pairs: Vec<[u32; 2]>,
+}
+
+/// A preference for each circle of a view; none where there are no surfaces of revolution.
+pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
+    let plan = cells.plan;
+    if plan.walls.is_empty() || plan.has_oblique_walls() {
+        return Vec::new();
+    }
+    let mut pairs: BTreeMap<(usize, usize), Vec<[u32; 2]>> = BTreeMap::new();
+    let n = [0, 1, 2].map(|a| plan.intervals(a));
+    for place in 0..n[0] * n[1] * n[2] {
+        let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
+        if plan.walls_in(cell).is_empty() {
+            continue;
+        }
+        let (lo, hi) = plan.bounds(cell);
+        for (view, shown) in plan.views.iter().enumerate() {
+            let [right, up, along] = shown.kind.axes();
+            for &index in pieces_in(plan, view, cell) {
+                let piece = &shown.pieces[index as usize];
+                let profile = shown.profile(index);
+                if !matches!(profile, Profile::Circle { .. }) {
+                    continue;
+                }
+                for s in SHARES {
+                    let at = profile.point(piece.from + s * (piece.to - piece.from));
+                    let normal = profile.normal(at);
+                    for t in SHARES {
+                        let beside = [-1.0, 1.0].map(|sign| {
+                            let mut p = [0.0; 3];
+                            p[right] = at[0] + sign * 1e-6 * plan.size * normal[0];
+                            p[up] = at[1] + sign * 1e-6 * plan.size * normal[1];
+                            p[along] = lo[along] + t * (hi[along] - lo[along]);
+                            cells.at(p)
+                        });
+                        let known = pairs.entry((view, piece.carrier)).or_default();
+                        if beside[0] != beside[1] && !known.contains(&beside) {
+                            known.push(beside);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    pairs
+        .into_values()
+        .filter(|pairs| !pairs.is_empty())
+        .map(|pairs| Preference { pairs })
+        .collect()
+}
