@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use planish::merge::{
     MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged, write_spline,
 };
+use planish::next::Length;
 use planish::progress::Progress;
 use planish::report::write_merge_report;
 use planish::saved::{Session, SessionInput};
@@ -101,12 +102,13 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     let mut all = vec!["merge".to_owned()];
     all.extend(args.patches.iter().map(|path| path.display().to_string()));
     let method = args.method.and_then(|m| m.to_possible_value());
+    let stated = |length: Length| format!("{}{}", length.value, length.unit.map_or("", Unit::name));
     let given = [
         ("--method", method.map(|v| v.get_name().to_owned())),
-        ("--epsilon", args.epsilon.map(|v| v.to_string())),
+        ("--epsilon", args.epsilon.map(stated)),
         ("--theta", args.theta.map(|v| v.to_string())),
         ("--fill", (args.fill > 0).then(|| args.fill.to_string())),
-        ("--mesh-tolerance", args.mesh_tolerance.map(|v| v.to_string())),
+        ("--mesh-tolerance", args.mesh_tolerance.map(stated)),
         ("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned())),
         ("--seed", (args.common.seed > 0).then(|| args.common.seed.to_string())),
     ];

@@ -10,6 +10,7 @@
 
 mod align;
 mod common_surface;
+mod inspection;
 mod patches;
 mod spline;
 
@@ -18,22 +19,19 @@ pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
 use crate::mesh_output::write_known_mesh;
 use crate::model::{PoseReport, SigmaSummary};
+use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
-use planish_estimate::vector3::dot;
+use inspection::{crossings, leave_out_copies, nearest, turn_alike};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, searches_of,
-    zipped,
+    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, zipped,
 };
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// So many vertices of a patch tell whether it is turned over.
-const LOOKED_AT: usize = 2000;
 
 /// How shared places are fused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -55,9 +53,9 @@ pub struct MergeOptions {
     /// Unit of files that name none.
     pub unit: Option<Unit>,
     /// How far the mesh of a model may leave its surface; half its median σ where none is given.
-    pub mesh_tolerance: Option<f64>,
+    pub mesh_tolerance: Option<Length>,
     /// ε: places nearer than this are one; three σ of their difference where none is given.
-    pub epsilon: Option<f64>,
+    pub epsilon: Option<Length>,
     /// θ in degrees: normals of one place differ by less.
     pub theta_deg: Option<f64>,
     /// Holes of up to so many edges are closed.
@@ -179,7 +177,7 @@ pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Pro
 /// Merges patches.
 ///
 /// # Errors
-/// `Input` for fewer than two patches and for options that are not positive; `Undetermined` where no two patches overlap; `Interrupted` when told to stop.
+/// `Input` for fewer than two patches, copies not counted, and for options that are not positive; `Undetermined` where no two patches overlap, or a patch to be aligned lies on nothing as a part of it would; `Interrupted` when told to stop.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     let PatchSet {
         patches: named,
@@ -187,17 +185,22 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         inputs,
         mut warnings,
     } = set;
-    let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
-    for patch in named.iter().filter(|p| p.dropped > 0) {
+    for named in named.iter().filter(|p| p.tidied.dropped > 0) {
         warnings.push(format!(
             "{}: {} triangles were left out, as other triangles have their edges already",
-            patch.name, patch.dropped
+            named.name, named.tidied.dropped
         ));
     }
+    let named = leave_out_copies(named, &mut warnings)?;
+    let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
     let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
-    let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
+    let (mut patches, numbers): (Vec<Patch>, Vec<Vec<u32>>) =
+        named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
     progress.check("finding what patches share", 0.1)?;
     let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
+    let crossed = crossings(&searches, &names, &numbers);
+    let crosses = !crossed.is_empty();
+    warnings.extend(crossed);
     for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
         warnings.push(format!(
             "{name} faced the other way than the patches that it lies on: it was turned over"
@@ -212,15 +215,15 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         }
         false => Vec::new(),
     };
+    let unit = unit.unwrap_or(Unit::Millimetre);
     let overlap = Overlap::find_with(
         &patches,
         &searches,
         &OverlapOptions {
-            epsilon: options.epsilon,
+            epsilon: options.epsilon.map(|epsilon| epsilon.in_unit(unit)),
             theta_rad: options.theta_deg.map(f64::to_radians),
         },
     )?;
-    let unit = unit.unwrap_or(Unit::Millimetre);
     if overlap.regions.is_empty() {
         return Err(Error::undetermined(format!(
             "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
@@ -249,6 +252,13 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill: options.fill })?;
     progress.check("checking", 0.95)?;
     let check = sewn.mesh.check();
+    if crosses {
+        let left = MeshSearch::try_new(&sewn.mesh)?.self_crossings().pairs;
+        warnings.push(match left {
+            0 => "the merged mesh crosses itself nowhere".to_owned(),
+            pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
+        });
+    }
     let mut kept = vec![0; patches.len()];
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
@@ -348,85 +358,6 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
         &merged.observed,
         merged.report.unit,
     )
-}
-
-/// Turns patches so that those that lie on one another face the same way, the largest as it is; those that are `off` may lie a percent of their size apart. Gives which were turned, and a search for each as it is then.
-fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
-    let mut searches = searches_of(patches)?;
-    let count = patches.len();
-    // Sums of the cosines between normals of near places.
-    let mut agree = vec![0.0; count * count];
-    for i in 0..count {
-        let mesh = &patches[i].mesh;
-        let normals = mesh.vertex_normals();
-        let step = (mesh.positions.len() / LOOKED_AT).max(1);
-        let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
-        let reach = match mesh.bounding_box() {
-            Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
-            _ => edges,
-        };
-        for v in (0..mesh.positions.len()).step_by(step) {
-            for j in (0..count).filter(|j| *j != i) {
-                if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)
-                    && !foot.on_boundary
-                {
-                    let cosine = dot(normals[v], foot.normal);
-                    agree[i * count + j] += cosine;
-                    agree[j * count + i] += cosine;
-                }
-            }
-        }
-    }
-    // The surest neighbour of what is settled comes next.
-    let mut turned: Vec<Option<bool>> = vec![None; count];
-    while let Some(first) = (0..count)
-        .filter(|k| turned[*k].is_none())
-        .max_by_key(|k| patches[*k].mesh.triangles.len())
-    {
-        turned[first] = Some(false);
-        loop {
-            let mut best: Option<(f64, usize, bool)> = None;
-            for k in (0..count).filter(|k| turned[*k].is_none()) {
-                let sum: f64 = (0..count)
-                    .filter_map(|j| Some(agree[k * count + j] * if turned[j]? { -1.0 } else { 1.0 }))
-                    .sum();
-                if sum != 0.0 && best.is_none_or(|(most, ..)| sum.abs() > most) {
-                    best = Some((sum.abs(), k, sum < 0.0));
-                }
-            }
-            let Some((_, k, over)) = best else { break };
-            turned[k] = Some(over);
-        }
-    }
-    let turned: Vec<bool> = turned.into_iter().map(|t| t == Some(true)).collect();
-    for (k, patch) in patches.iter_mut().enumerate().filter(|(k, _)| turned[*k]) {
-        for t in &mut patch.mesh.triangles {
-            t.swap(1, 2);
-        }
-        searches[k] = MeshSearch::try_new(&patch.mesh)?;
-    }
-    Ok((turned, searches))
-}
-
-/// How near patches come that do not overlap, in words.
-fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: Unit) -> String {
-    let mut best: Option<(f64, usize, usize)> = None;
-    for (j, search) in searches.iter().enumerate() {
-        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
-            let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
-            for p in here.mesh.positions.iter().step_by(step) {
-                if let Some(foot) = search.closest(*p)
-                    && best.is_none_or(|(d, ..)| foot.distance < d)
-                {
-                    best = Some((foot.distance, i, j));
-                }
-            }
-        }
-    }
-    match best {
-        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
-        None => "they have no places".to_owned(),
-    }
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

@@ -24,7 +24,7 @@ fn square(x: f64, moved: &Pose, height: impl Fn(f64, f64) -> f64, mut error: imp
         let n = unit([-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0]).unwrap();
         *p = moved.apply(add_scaled([a, b, height(a, b)], error(a, b), n));
     }
-    Patch::tidy(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().0
+    Patch::tidy(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
 }
 
 /// Aligns patches in place.
