@@ -13,6 +13,7 @@ use planish::report::write_merge_report;
 use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// So many regions are shown.
 const SHOWN: usize = 10;
@@ -33,10 +34,11 @@ pub fn run(args: &MergeArgs) -> u8 {
 }
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let outputs = plan_merged(&args.output, &args.patches)?;
+    let inputs: Vec<PathBuf> = args.patches.iter().chain(&args.complete).cloned().collect();
+    let outputs = plan_merged(&args.output, &inputs)?;
     let page = args.page.output(&args.common);
     if let Some(page) = &page {
-        page.check(&args.patches, &args.output)?;
+        page.check(&inputs, &args.output)?;
     }
     let options = MergeOptions {
         method: args.method.map(Into::into),
@@ -47,7 +49,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         fill: args.fill,
         align: args.align,
     };
-    let merged = merge_files(&args.patches, &options, progress)?;
+    let merged = merge_files(&args.patches, args.complete.as_ref(), &options, progress)?;
     // All that can go wrong with the surface goes wrong before the first file is written.
     let spline = match outputs.splines.is_empty() {
         true => None,
@@ -109,6 +111,7 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
         ("--theta", args.theta.map(|v| v.to_string())),
         ("--fill", (args.fill > 0).then(|| args.fill.to_string())),
         ("--mesh-tolerance", args.mesh_tolerance.map(stated)),
+        ("--complete", args.complete.as_ref().map(|p| p.display().to_string())),
         ("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned())),
         ("--seed", (args.common.seed > 0).then(|| args.common.seed.to_string())),
     ];
@@ -209,6 +212,14 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
         ],
         &rows,
     );
+    if let Some(completed) = &report.completed {
+        lines.gap();
+        lines.line(format!(
+            "{} vertices are of {}, where no patch is (`observed` 2).",
+            count(completed.vertices),
+            completed.name
+        ));
+    }
     lines.poses(&report.poses, unit);
     lines.gap();
     let rows: Vec<Vec<String>> = report

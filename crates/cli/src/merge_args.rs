@@ -69,6 +69,9 @@ pub struct MergeArgs {
     /// Close holes of up to so many edges, those of the patches too
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,
+    /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull` writes: it stands where no patch is, flagged as completed
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub complete: Option<PathBuf>,
     /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<Length>,

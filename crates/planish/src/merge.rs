@@ -10,6 +10,7 @@
 
 mod align;
 mod common_surface;
+mod completion;
 mod inspection;
 mod patches;
 mod spline;
@@ -23,11 +24,12 @@ use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
+use completion::completed;
 use inspection::{crossings, leave_out_copies, nearest, turn_alike};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, zipped,
+    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, fused, quantile_of_sorted, zipped,
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -103,6 +105,15 @@ pub struct TriangleQuality {
     pub aspect_p99: f64,
 }
 
+/// What a bound added to the patches.
+#[derive(Debug, Clone, Serialize)]
+pub struct CompletionReport {
+    /// Its file.
+    pub name: String,
+    /// Its vertices in the whole, which `observed` gives as completed.
+    pub vertices: usize,
+}
+
 /// What came of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
@@ -127,6 +138,9 @@ pub struct MergeReport {
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses: Vec<PoseReport>,
+    /// What stands where no patch is, where a bound was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub completed: Option<CompletionReport>,
     /// Whether σ was told from how patches differ where none was stated.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
@@ -164,13 +178,18 @@ pub struct Merged {
     pub report: MergeReport,
 }
 
-/// Merges files: [`read_patches`], then [`merge`].
+/// Merges files: [`read_patches`], then [`merge`]. `bound` is a file of a surface that the thing lies within, taken where no patch is.
 ///
 /// # Errors
 /// As both.
-pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
+pub fn merge_files(
+    paths: &[PathBuf],
+    bound: Option<&PathBuf>,
+    options: &MergeOptions,
+    progress: &dyn Progress,
+) -> Result<Merged> {
     progress.check("reading", 0.0)?;
-    let set = read_patches(paths, options.unit, options.mesh_tolerance)?;
+    let set = read_patches(paths, bound, options.unit, options.mesh_tolerance)?;
     merge(set, options, progress)
 }
 
@@ -181,6 +200,7 @@ pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Pro
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     let PatchSet {
         patches: named,
+        bound,
         unit,
         inputs,
         mut warnings,
@@ -249,7 +269,20 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         MergeMethod::Mean => mean,
     };
     progress.check("sewing", 0.7)?;
-    let sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill: options.fill })?;
+    // Holes that are filled are not completed.
+    let fill = if bound.is_some() { 0 } else { options.fill };
+    let mut sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill })?;
+    let completed = match &bound {
+        Some(bound) => {
+            let completed = completed(&sewn, &bound.tidied.patch, options.fill)?;
+            sewn = joined(&sewn, completed.whole, patches.len() as u32);
+            Some(CompletionReport {
+                name: bound.name.clone(),
+                vertices: completed.vertices,
+            })
+        }
+        None => None,
+    };
     progress.check("checking", 0.95)?;
     let check = sewn.mesh.check();
     if crosses {
@@ -259,7 +292,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
         });
     }
-    let mut kept = vec![0; patches.len()];
+    let mut kept = vec![0; patches.len() + 1];
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
     }
@@ -290,6 +323,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             })
             .collect(),
         poses,
+        completed,
         sigma_estimated: overlap.sigma_estimated,
         sigma: SigmaSummary::of(sewn.sigma.clone()),
         stitched_triangles: check.triangles - sewn.kept,
@@ -303,7 +337,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let observed = sewn
         .source
         .iter()
-        .map(|(p, v)| observed[*p as usize].get(*v as usize).copied().unwrap_or(1))
+        .map(|(p, v)| match observed.get(*p as usize) {
+            Some(of_patch) => of_patch.get(*v as usize).copied().unwrap_or(1),
+            // Of the bound.
+            None => 2,
+        })
         .collect();
     Ok(Merged {
         normals: sewn.mesh.vertex_normals(),
@@ -358,6 +396,25 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
         &merged.observed,
         merged.report.unit,
     )
+}
+
+/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch `bound`.
+fn joined(merged: &Zipped, mut whole: Zipped, bound: u32) -> Zipped {
+    for source in &mut whole.source {
+        *source = match *source {
+            (0, v) => merged.source[v as usize],
+            (_, v) => (bound, v),
+        };
+    }
+    // Triangles that sewed before are among those kept now.
+    whole.kept = whole.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
+    whole.holes_closed += merged.holes_closed;
+    let longest = whole.valence.len().max(merged.valence.len());
+    whole.valence.resize(longest, 0);
+    for (n, count) in merged.valence.iter().enumerate() {
+        whole.valence[n] += count;
+    }
+    whole
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

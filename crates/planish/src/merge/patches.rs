@@ -34,6 +34,8 @@ pub struct NamedPatch {
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
+    /// What the thing lies within, taken where no patch is.
+    pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,
     /// Every file that was read.
@@ -44,14 +46,20 @@ pub struct PatchSet {
 
 /// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), organised scans and lists of them. `chord` is how far the mesh of a model may leave its surface, in the model's unit where it has none of its own; half its median σ where none is given.
 ///
-/// `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
+/// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, and for a model nothing of which was measured.
-pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<Length>) -> Result<PatchSet> {
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches.
+pub fn read_patches(
+    paths: &[PathBuf],
+    bound: Option<&PathBuf>,
+    unit: Option<Unit>,
+    chord: Option<Length>,
+) -> Result<PatchSet> {
     let mut set = PatchSet::default();
     let mut read: Vec<(NamedPatch, Option<Unit>)> = Vec::new();
-    for path in paths {
+    for (at, path) in paths.iter().chain(bound).enumerate() {
+        let first = read.len();
         let name = path.display().to_string();
         let with_faces = match is_mesh_file(path) {
             true => Some(read_mesh(path)?).filter(|file| !file.triangles.is_empty()),
@@ -90,6 +98,13 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<Length>
                 read.push((of_scan(path, posed, sensor)?, scans.unit));
             }
         }
+        if at == paths.len() && read.len() != first + 1 {
+            return Err(Error::input(format!(
+                "{}: what bounds a thing is one surface, found {}",
+                path.display(),
+                read.len() - first
+            )));
+        }
     }
     set.unit = read.iter().find_map(|(_, unit)| *unit).or(unit);
     for (mut named, of_file) in read {
@@ -114,6 +129,7 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<Length>
         }
         set.patches.push(named);
     }
+    set.bound = bound.and_then(|_| set.patches.pop());
     Ok(set)
 }
 

@@ -61,6 +61,13 @@ fn merge_page(merged: &Merged) -> Page {
         counted(report.stitched_triangles, "triangle"),
         counted(report.holes_closed, "hole"),
     );
+    if let Some(completed) = &report.completed {
+        mesh_text += &format!(
+            " {} are of {}, where no patch is.",
+            counted(completed.vertices, "vertex"),
+            short(&completed.name)
+        );
+    }
     if let Some(quality) = &report.quality {
         mesh_text += &format!(
             " Smallest angles: median {}°, one in a hundred below {}°.",
