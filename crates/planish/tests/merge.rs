@@ -123,8 +123,9 @@ fn the_order_of_patches_does_not_matter() {
             .collect();
         off.sort_by(f64::total_cmp);
         let (median, p95) = (off[off.len() / 2], off[off.len() * 95 / 100]);
-        println!("{order:?}: {median:.3} σ in the median, {p95:.3} σ at 95 %");
-        assert!(median < 0.2, "{order:?}: {median}, {p95}");
+        let near = off.iter().filter(|o| **o <= 0.2).count() as f64 / off.len() as f64;
+        println!("{order:?}: {median:.4} σ in the median, {p95:.3} σ at 95 %, {near:.4} of all within 0.2 σ");
+        assert!(near > 0.99, "{order:?}: {near}, {median}, {p95}");
     }
 }
 
