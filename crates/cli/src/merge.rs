@@ -215,9 +215,10 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
     if let Some(completed) = &report.completed {
         lines.gap();
         lines.line(format!(
-            "{} vertices are of {}, where no patch is (`observed` 2).",
+            "{} vertices are of {}, where no patch is (`observed` 2); {} triangles reached out of it and were carved away.",
             count(completed.vertices),
-            completed.name
+            completed.name,
+            count(completed.carved)
         ));
     }
     lines.poses(&report.poses, unit);

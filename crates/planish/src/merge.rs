@@ -112,6 +112,8 @@ pub struct CompletionReport {
     pub name: String,
     /// Its vertices in the whole, which `observed` gives as completed.
     pub vertices: usize,
+    /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
+    pub carved: usize,
 }
 
 /// What came of a merge.
@@ -279,6 +281,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             Some(CompletionReport {
                 name: bound.name.clone(),
                 vertices: completed.vertices,
+                carved: completed.carved,
             })
         }
         None => None,

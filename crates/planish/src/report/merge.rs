@@ -63,9 +63,10 @@ fn merge_page(merged: &Merged) -> Page {
     );
     if let Some(completed) = &report.completed {
         mesh_text += &format!(
-            " {} are of {}, where no patch is.",
+            " {} are of {}, where no patch is; {} reached out of it and were carved away.",
             counted(completed.vertices, "vertex"),
-            short(&completed.name)
+            short(&completed.name),
+            counted(completed.carved, "triangle")
         );
     }
     if let Some(quality) = &report.quality {
