@@ -202,8 +202,12 @@ fn what_differs_by_rounding_is_aligned() {
     zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
     // Turned by one of 72 columns.
     zone(&folder.path().join("b.obj"), -60.0, 20.0, 5.0, 1.0, true);
-    let said = planish(folder.path(), &["merge", "a.obj", "b.obj", "--align", "--json"]).ok();
+    let line = "merge a.obj b.obj --align --report page.html --json";
+    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     let found = said.json();
+    let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
+    let open = found["poses"][1]["undetermined"].as_array().expect("directions").len();
+    assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
     assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
     let moved = found["poses"][1]["moved"].as_f64().expect("a length");
     assert!(moved < 1e-6, "{moved}");
@@ -264,4 +268,37 @@ fn a_patch_that_crosses_itself_is_named() {
         "{}",
         said.stderr
     );
+}
+
+/// What no patch covers is the bound's, flagged as completed.
+#[test]
+fn a_bound_stands_where_no_patch_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    zone(&path("bound.obj"), -89.0, 89.0, 1.1, 1.01, false);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json")
+        .ok()
+        .json();
+    let of_bound = found["completed"]["vertices"].as_u64().expect("a number");
+    assert!(
+        of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1,
+        "{found:#}"
+    );
+    // Two holes at the poles of the bound.
+    assert_eq!(found["boundary_edges"], 144, "{found:#}");
+    let read = run("info w.ply --json").ok().json();
+    assert!(
+        read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI,
+        "{read:#}"
+    );
+    let refused = run("merge a.obj b.obj --complete none.obj -o x.ply");
+    assert!(
+        refused.code == 3 && refused.stderr.contains("none.obj"),
+        "{}",
+        refused.stderr
+    );
+    assert_eq!(run("merge a.obj b.obj --complete bound.obj -o bound.obj").code, 2);
 }
