@@ -206,7 +206,7 @@ fn what_differs_by_rounding_is_aligned() {
     let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     let found = said.json();
     let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
-    let open = found["poses"][1]["undetermined"].as_array().expect("directions").len();
+    let open = found["poses"][1]["undetermined"].as_array().map_or(0, Vec::len);
     assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
     assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
     let moved = found["poses"][1]["moved"].as_f64().expect("a length");

@@ -238,6 +238,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         false => Vec::new(),
     };
     let unit = unit.unwrap_or(Unit::Millimetre);
+    // From here to the report, patches stand in an order that does not hang on that of the files.
+    let order = order_in_space(&patches);
+    let patches = in_order(patches, &order);
+    let searches = in_order(searches, &order);
     let overlap = Overlap::find_with(
         &patches,
         &searches,
@@ -250,11 +254,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         return Err(Error::undetermined(format!(
             "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
             patches.len(),
-            nearest(&patches, &searches, &names, unit)
+            nearest(&patches, &searches, &in_order(names, &order), unit)
         )));
     }
     for (k, name) in names.iter().enumerate() {
-        if !overlap.regions.iter().any(|r| r.patches.contains(&k)) {
+        if !overlap.regions.iter().any(|r| r.patches.iter().any(|p| order[*p] == k)) {
             warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
         }
     }
@@ -299,6 +303,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
     }
+    // Where each patch of the files stands.
+    let mut stands = vec![0; order.len()];
+    for (at, k) in order.iter().enumerate() {
+        stands[*k] = at;
+    }
     let report = MergeReport {
         method,
         vertices: check.vertices,
@@ -311,7 +320,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             .regions
             .iter()
             .map(|r| RegionReport {
-                patches: r.patches,
+                patches: {
+                    let [a, b] = r.patches.map(|p| order[p]);
+                    [a.min(b), a.max(b)]
+                },
                 points: r.points,
                 rms: r.rms,
             })
@@ -319,10 +331,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         patches: (0..patches.len())
             .map(|k| PatchReport {
                 name: names[k].clone(),
-                triangles: patches[k].mesh.triangles.len(),
-                vertices_kept: kept[k],
+                triangles: patches[stands[k]].mesh.triangles.len(),
+                vertices_kept: kept[stands[k]],
                 turned_over: turned[k],
-                sigma: SigmaSummary::of(overlap.patches[k].sigma.clone()).median,
+                sigma: SigmaSummary::of(overlap.patches[stands[k]].sigma.clone()).median,
             })
             .collect(),
         poses,
@@ -340,7 +352,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let observed = sewn
         .source
         .iter()
-        .map(|(p, v)| match observed.get(*p as usize) {
+        .map(|(p, v)| match order.get(*p as usize).map(|k| &observed[*k]) {
             Some(of_patch) => of_patch.get(*v as usize).copied().unwrap_or(1),
             // Of the bound.
             None => 2,
@@ -399,6 +411,27 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
         &merged.observed,
         merged.report.unit,
     )
+}
+
+/// The numbers of patches in the order of their first places in space.
+fn order_in_space(patches: &[Patch]) -> Vec<usize> {
+    let by = |a: &[f64; 3], b: &[f64; 3]| {
+        let by = |k: usize| a[k].total_cmp(&b[k]);
+        by(0).then(by(1)).then(by(2))
+    };
+    let first = |patch: &Patch| patch.mesh.positions.iter().copied().min_by(by);
+    let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
+    let mut order: Vec<usize> = (0..patches.len()).collect();
+    order.sort_by(|i, j| match (&firsts[*i], &firsts[*j]) {
+        (Some(a), Some(b)) => by(a, b),
+        (a, b) => a.is_some().cmp(&b.is_some()),
+    });
+    order
+}
+
+fn in_order<T>(of: Vec<T>, order: &[usize]) -> Vec<T> {
+    let mut of: Vec<Option<T>> = of.into_iter().map(Some).collect();
+    order.iter().filter_map(|k| of[*k].take()).collect()
 }
 
 /// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch `bound`.

@@ -48,6 +48,8 @@ const DETERMINED: f64 = 0.25;
 const LEAST_SCALE: f64 = 1e-7;
 /// Patches that are parts of one thing lie no more than so many σ apart when they are aligned, and, where σ is not stated, no more than an edge.
 const APART: f64 = 5.0;
+/// Planes and balls leave three directions open, nothing that patches share leaves more.
+const MOST_OPEN: usize = 4;
 /// Places are sought within so many scales of the residuals.
 const REACH: f64 = 8.0;
 
@@ -100,7 +102,7 @@ impl Side<'_> {
 /// Moves all patches but the first to where they lie on one another. Gives the motion of each, and what a user should know.
 ///
 /// # Errors
-/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and all six of its directions stay open; `Interrupted` when told to stop.
+/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and hardly any of its directions is told; `Interrupted` when told to stop.
 pub(super) fn align(
     patches: &mut [Patch],
     searches: &mut [MeshSearch],
@@ -241,11 +243,12 @@ fn motions(
                     false if off > spacing => format!("{off:.3} apart, farther than edges are long"),
                     _ => continue,
                 };
-                if motion.undetermined.len() == 6 {
+                if motion.undetermined.len() >= MOST_OPEN {
                     return Err(Error::undetermined(format!(
-                        "{} cannot be aligned: what is near it on other patches is {how}, and tells none of its six directions; check that it is a part of the same thing, in the same frame \
+                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of its six directions; check that it is a part of the same thing, in the same frame \
                          and unit (--unit), and that its σ is true",
-                        names[k]
+                        names[k],
+                        6 - motion.undetermined.len()
                     )));
                 }
                 warnings.push(format!(

@@ -18,6 +18,8 @@ const EPSILON: f64 = 0.01;
 
 /// Triangles of patches reach out of the bound by so many of its edges at most.
 const OUTSIDE: f64 = 1.5;
+/// Holes of no more edges than this are notches in borders that were sewn.
+const NOTCH: usize = 8;
 /// Triangles are looked at in so many places along an edge at most.
 const MOST_STEPS: usize = 32;
 
@@ -83,6 +85,7 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<C
             positions: patch.mesh.positions.clone(),
             sigma: patch.sigma.clone(),
         });
+        let fill = fill.max(NOTCH);
         zipped(&patches, &overlap, &places, &ZipOptions { fill })?
     };
     // Holes may have been closed across what is empty.
