@@ -4,7 +4,7 @@
 //! topology does not allow.
 
 use super::manifold::{NONE, next_in_triangle, opposites, previous_in_triangle};
-use crate::triangle::triangle_shape;
+use crate::triangle::smallest_angle;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::HashSet;
 
@@ -187,10 +187,14 @@ impl<'a> Net<'a> {
             return false;
         }
         let least = |all: [[u32; 3]; 2]| {
-            let angles = all.map(|t| triangle_shape(&t.map(at)).0);
+            let angles = all.map(|t| smallest_angle(&t.map(at)));
             angles[0].min(angles[1])
         };
-        least(new) >= (self.limits.worse * least(old)).min(self.limits.well_shaped_rad)
+        let new = least(new);
+        if new >= self.limits.well_shaped_rad {
+            return true;
+        }
+        new >= self.limits.worse * least(old)
     }
 
     /// Turns an edge, without a question; gives its triangles. The edge is then the first of both.
