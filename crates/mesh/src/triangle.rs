@@ -70,12 +70,13 @@ pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
 
 /// The smallest angle in radians: the one across the shortest edge.
 pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
-    let [a, b, c] = *corners;
-    let edges = [sub(c, b), sub(a, c), sub(b, a)];
-    let squares = edges.map(|e| dot(e, e));
-    let shortest = (1..3).fold(0, |least, k| if squares[k] < squares[least] { k } else { least });
-    let (u, v) = (edges[(shortest + 1) % 3], edges[(shortest + 2) % 3]);
-    norm(cross(u, v)).atan2(-dot(u, v))
+    let across: [f64; 3] = std::array::from_fn(|k| {
+        let edge = sub(corners[(k + 2) % 3], corners[(k + 1) % 3]);
+        dot(edge, edge)
+    });
+    let at = (1..3).fold(0, |least, k| if across[k] < across[least] { k } else { least });
+    let [u, v] = [1, 2].map(|k| sub(corners[(at + k) % 3], corners[at]));
+    norm(cross(u, v)).atan2(dot(u, v))
 }
 
 /// `Σ b_k corner_k`.
