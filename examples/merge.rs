@@ -31,11 +31,9 @@ fn main() -> Result<()> {
             *p = stands.apply(place);
         }
         let sigma = vec![SIGMA; mesh.positions.len()];
-        let (patch, dropped, _) = Patch::tidy(&mesh, &sigma)?;
         patches.push(NamedPatch {
             name: name.to_owned(),
-            patch,
-            dropped,
+            tidied: Patch::tidy(&mesh, &sigma)?,
             observed: Vec::new(),
         });
     }

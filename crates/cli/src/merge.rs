@@ -7,11 +7,13 @@ use clap::ValueEnum;
 use planish::merge::{
     MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged, write_spline,
 };
+use planish::next::Length;
 use planish::progress::Progress;
 use planish::report::write_merge_report;
 use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// So many regions are shown.
 const SHOWN: usize = 10;
@@ -32,10 +34,11 @@ pub fn run(args: &MergeArgs) -> u8 {
 }
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let outputs = plan_merged(&args.output, &args.patches)?;
+    let inputs: Vec<PathBuf> = args.patches.iter().chain(&args.complete).cloned().collect();
+    let outputs = plan_merged(&args.output, &inputs)?;
     let page = args.page.output(&args.common);
     if let Some(page) = &page {
-        page.check(&args.patches, &args.output)?;
+        page.check(&inputs, &args.output)?;
     }
     let options = MergeOptions {
         method: args.method.map(Into::into),
@@ -46,7 +49,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         fill: args.fill,
         align: args.align,
     };
-    let merged = merge_files(&args.patches, &options, progress)?;
+    let merged = merge_files(&args.patches, args.complete.as_ref(), &options, progress)?;
     // All that can go wrong with the surface goes wrong before the first file is written.
     let spline = match outputs.splines.is_empty() {
         true => None,
@@ -101,12 +104,14 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     let mut all = vec!["merge".to_owned()];
     all.extend(args.patches.iter().map(|path| path.display().to_string()));
     let method = args.method.and_then(|m| m.to_possible_value());
+    let stated = |length: Length| format!("{}{}", length.value, length.unit.map_or("", Unit::name));
     let given = [
         ("--method", method.map(|v| v.get_name().to_owned())),
-        ("--epsilon", args.epsilon.map(|v| v.to_string())),
+        ("--epsilon", args.epsilon.map(stated)),
         ("--theta", args.theta.map(|v| v.to_string())),
         ("--fill", (args.fill > 0).then(|| args.fill.to_string())),
-        ("--mesh-tolerance", args.mesh_tolerance.map(|v| v.to_string())),
+        ("--mesh-tolerance", args.mesh_tolerance.map(stated)),
+        ("--complete", args.complete.as_ref().map(|p| p.display().to_string())),
         ("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned())),
         ("--seed", (args.common.seed > 0).then(|| args.common.seed.to_string())),
     ];
@@ -207,6 +212,15 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
         ],
         &rows,
     );
+    if let Some(completed) = &report.completed {
+        lines.gap();
+        lines.line(format!(
+            "{} vertices are of {}, where no patch is (`observed` 2); {} triangles reached out of it and were carved away.",
+            count(completed.vertices),
+            completed.name,
+            count(completed.carved)
+        ));
+    }
     lines.poses(&report.poses, unit);
     lines.gap();
     let rows: Vec<Vec<String>> = report

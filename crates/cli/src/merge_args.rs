@@ -1,8 +1,9 @@
 //! Arguments of `planish merge`.
 
-use crate::args::{CommonArgs, ReportArgs, positive, whole, within};
+use crate::args::{CommonArgs, ReportArgs, length, whole, within};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::merge::MergeMethod;
+use planish::next::Length;
 use std::path::PathBuf;
 
 const MERGE_EXAMPLES: &str = "\
@@ -57,8 +58,8 @@ pub struct MergeArgs {
     #[arg(long, value_name = "METHOD", value_enum)]
     pub method: Option<MethodName>,
     /// ε: places nearer than this may be one, as a length [default: three σ of their difference]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
-    pub epsilon: Option<f64>,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    pub epsilon: Option<Length>,
     /// θ: normals of one place differ by less, in degrees [default: by σ and the length of edges, at most 69]
     #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true)]
     pub theta: Option<f64>,
@@ -68,9 +69,12 @@ pub struct MergeArgs {
     /// Close holes of up to so many edges, those of the patches too
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,
+    /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull` writes: it stands where no patch is, flagged as completed
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub complete: Option<PathBuf>,
     /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
-    pub mesh_tolerance: Option<f64>,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    pub mesh_tolerance: Option<Length>,
     /// The report.
     #[command(flatten)]
     pub page: ReportArgs,

@@ -147,6 +147,7 @@ fn what_cannot_be_merged_is_named() {
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 10.0, 0.0, 1.0, false);
     zone(&path("far.obj"), -60.0, 10.0, 0.0, 2.0, false);
+    std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
     std::fs::write(path("points.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("a file");
     for (line, code, words) in [
         ("merge a.obj -o w.ply", 2, "two patches"),
@@ -155,6 +156,14 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj far.obj -o w.tif", 2, "a mesh or a spline"),
         ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
         ("merge a.obj none.obj", 3, "none.obj"),
+        ("merge a.obj --align -o w.ply", 2, "two patches"),
+        (
+            "merge a.obj copy.obj -o w.ply",
+            2,
+            "copy.obj has the same vertices as a.obj",
+        ),
+        ("merge a.obj copy.obj --align -o w.ply", 2, "counts once"),
+        ("merge a.obj far.obj --epsilon 1yd", 2, "yd"),
         ("merge a.obj far.obj --theta 120", 2, "90"),
         ("merge a.obj far.obj --epsilon 0", 2, "above 0"),
     ] {
@@ -163,4 +172,133 @@ fn what_cannot_be_merged_is_named() {
         assert!(said.stderr.contains(words), "{line}: {}", said.stderr);
         assert!(!path("w.ply").exists(), "{line}");
     }
+}
+
+/// Of two files with the same places, one counts, and both are named.
+#[test]
+fn a_copy_is_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    run("merge a.obj b.obj -o two.ply");
+    let said = run("merge a.obj b.obj copy.obj -o three.ply");
+    assert!(
+        said.stderr
+            .contains("copy.obj has the same vertices as a.obj: it was left out"),
+        "{}",
+        said.stderr
+    );
+    let read = |name: &str| std::fs::read(path(name)).expect("a mesh");
+    assert_eq!(read("two.ply"), read("three.ply"));
+}
+
+/// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no failure.
+#[test]
+fn what_differs_by_rounding_is_aligned() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    // Turned by one of 72 columns.
+    zone(&folder.path().join("b.obj"), -60.0, 20.0, 5.0, 1.0, true);
+    let line = "merge a.obj b.obj --align --report page.html --json";
+    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    let found = said.json();
+    let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
+    let open = found["poses"][1]["undetermined"].as_array().map_or(0, Vec::len);
+    assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
+    assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
+    let moved = found["poses"][1]["moved"].as_f64().expect("a length");
+    assert!(moved < 1e-6, "{moved}");
+    // Of two that are as large the second is turned.
+    let turned = |k: usize| found["patches"][k]["turned_over"].as_bool();
+    assert_eq!((turned(0), turned(1)), (Some(false), Some(true)));
+}
+
+/// `--unit` is that of a file that names none, beside one that names its own; ε may name its unit, too.
+#[test]
+fn units_of_files_and_lengths_are_kept_apart() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("zone.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    let text = std::fs::read_to_string(path("zone.obj")).expect("text");
+    std::fs::write(path("named.obj"), format!("# unit mm\n{text}")).expect("a file");
+    zone(&path("inches.obj"), -20.0, 60.0, 2.3, 1.0 / 25.4, false);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    assert_eq!(run("info named.obj --json").ok().json()["unit"], "mm");
+    let said = run("merge named.obj inches.obj --unit in --epsilon 0.01in --json").ok();
+    let found = said.json();
+    assert_eq!(
+        (&found["unit"], &found["parts"]),
+        (&"mm".into(), &1.into()),
+        "{found:#}"
+    );
+    assert!(said.stderr.contains("turned from in into mm"), "{}", said.stderr);
+    let left = run("merge named.obj inches.obj");
+    assert_eq!(left.code, 1, "{}", left.stderr);
+}
+
+/// A patch that crosses itself is named with the triangles of its file that do.
+#[test]
+fn a_patch_that_crosses_itself_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    let mut text = std::fs::read_to_string(path("b.obj")).expect("text");
+    // A spike through the zone, the last triangle of the file.
+    let (vertices, faces) = (text.matches("\nv ").count() + 1, text.matches("\nf ").count());
+    text += &format!(
+        "v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n",
+        vertices + 1,
+        vertices + 2,
+        vertices + 3
+    );
+    std::fs::write(path("b.obj"), text).expect("a file");
+    let said = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
+    assert!(said.stderr.contains("b.obj crosses itself"), "{}", said.stderr);
+    assert!(
+        said.stderr.contains(&format!("and {faces} (counted from 0)")),
+        "{}",
+        said.stderr
+    );
+    assert!(
+        said.stderr.contains("the merged mesh crosses itself"),
+        "{}",
+        said.stderr
+    );
+}
+
+/// What no patch covers is the bound's, flagged as completed.
+#[test]
+fn a_bound_stands_where_no_patch_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    zone(&path("bound.obj"), -89.0, 89.0, 1.1, 1.01, false);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json")
+        .ok()
+        .json();
+    let of_bound = found["completed"]["vertices"].as_u64().expect("a number");
+    assert!(
+        of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1,
+        "{found:#}"
+    );
+    // Two holes at the poles of the bound.
+    assert_eq!(found["boundary_edges"], 144, "{found:#}");
+    let read = run("info w.ply --json").ok().json();
+    assert!(
+        read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI,
+        "{read:#}"
+    );
+    let refused = run("merge a.obj b.obj --complete none.obj -o x.ply");
+    assert!(
+        refused.code == 3 && refused.stderr.contains("none.obj"),
+        "{}",
+        refused.stderr
+    );
+    assert_eq!(run("merge a.obj b.obj --complete bound.obj -o bound.obj").code, 2);
 }

@@ -2,10 +2,10 @@
 //!
 //! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold or not.
 //! Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface ([`sample_points`]), what
-//! kind of mesh it is ([`MeshCheck`]), whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
+//! kind of mesh it is ([`MeshCheck`]), where it crosses itself ([`SelfCrossings`]), whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
 //! sees of it ([`DepthBuffer`]).
 //!
-//! Not guaranteed: nothing here repairs a mesh, and nothing looks for self-intersections. The sign of a distance is
+//! Not guaranteed: nothing here repairs a mesh. The sign of a distance is
 //! right for a closed, consistently oriented mesh that does not cross itself; elsewhere it is the side of the
 //! nearest piece of surface.
 //!
@@ -24,6 +24,7 @@
 
 mod bvh;
 mod check;
+mod crossings;
 mod deviation;
 mod edges;
 mod facet_tree;
@@ -42,11 +43,12 @@ mod visibility;
 mod winding;
 
 pub use check::MeshCheck;
+pub use crossings::SelfCrossings;
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
 pub use isosurface::isosurface;
 pub use merge::{
-    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, ZipOptions, Zipped, fused,
+    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions, Zipped, fused,
     searches_of, taper, zipped,
 };
 pub use mesh::{BoundingBox, TriangleMesh};

@@ -37,6 +37,19 @@ const SMALLEST_PART: usize = 12;
 /// Holes of the seam with more edges are not closed.
 const LONGEST_SEAM_HOLE: usize = 60;
 
+/// A patch made manifold, and what it is of.
+#[derive(Debug, Clone)]
+pub struct Tidied {
+    /// The patch.
+    pub patch: Patch,
+    /// The vertex that each of its vertices was.
+    pub vertices: Vec<u32>,
+    /// The triangle that each of its triangles was.
+    pub triangles: Vec<u32>,
+    /// Triangles left out.
+    pub dropped: usize,
+}
+
 /// A patch to be merged.
 #[derive(Debug, Clone, Default)]
 pub struct Patch {
@@ -47,11 +60,11 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// A patch whose edges and vertices are manifold: triangles beyond the second at an edge are left out, and fans taken apart. Gives the number of triangles left out, and the vertex each is of.
+    /// A patch whose edges and vertices are manifold: triangles beyond the second at an edge are left out, and fans taken apart.
     ///
     /// # Errors
     /// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`].
-    pub fn tidy(mesh: &TriangleMesh, sigma: &[f64]) -> Result<(Self, usize, Vec<u32>)> {
+    pub fn tidy(mesh: &TriangleMesh, sigma: &[f64]) -> Result<Tidied> {
         mesh.sanity_check()?;
         if !sigma.is_empty() && sigma.len() != mesh.positions.len() {
             return Err(Error::input(format!(
@@ -66,7 +79,12 @@ impl Patch {
         } else {
             kept.source.iter().map(|v| sigma[*v as usize]).collect()
         };
-        Ok((Self { mesh: kept.mesh, sigma }, kept.dropped, kept.source))
+        Ok(Tidied {
+            patch: Self { mesh: kept.mesh, sigma },
+            dropped: mesh.triangles.len() - kept.triangles.len(),
+            vertices: kept.source,
+            triangles: kept.triangles,
+        })
     }
 }
 

@@ -52,7 +52,7 @@ pub struct MeshSearch {
     /// The place of each triangle in the leaf order.
     slots: Vec<u32>,
     /// Vertices of each triangle, those at equal positions taken as one.
-    vertices: Vec<[u32; 3]>,
+    pub(crate) vertices: Vec<[u32; 3]>,
     edges: Vec<[u32; 3]>,
     vertex_normals: Vec<[f64; 3]>,
     edge_normals: Vec<[f64; 3]>,

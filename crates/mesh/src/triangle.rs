@@ -61,12 +61,22 @@ pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
 /// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best, infinite without area.
 #[must_use]
 pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
-    let smallest = angles(corners).into_iter().fold(f64::INFINITY, f64::min);
     let longest = (0..3)
         .map(|k| norm(sub(corners[(k + 1) % 3], corners[k])))
         .fold(0.0, f64::max);
     let doubled = norm(area_vector(corners));
-    (smallest, longest * longest / doubled)
+    (smallest_angle(corners), longest * longest / doubled)
+}
+
+/// The smallest angle in radians: the one across the shortest edge.
+pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
+    let across: [f64; 3] = std::array::from_fn(|k| {
+        let edge = sub(corners[(k + 2) % 3], corners[(k + 1) % 3]);
+        dot(edge, edge)
+    });
+    let at = (1..3).fold(0, |least, k| if across[k] < across[least] { k } else { least });
+    let [u, v] = [1, 2].map(|k| sub(corners[(at + k) % 3], corners[at]));
+    norm(cross(u, v)).atan2(dot(u, v))
 }
 
 /// `Σ b_k corner_k`.
@@ -160,4 +170,25 @@ fn closest_on_edge(p: [f64; 3], t: &[[f64; 3]; 3], k: usize) -> Foot {
 #[inline]
 pub(crate) fn area(t: &[[f64; 3]; 3]) -> f64 {
     0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_angle_is_the_least_of_three() {
+        let triangles = [
+            [[0.0; 3], [3.0, 0.0, 0.0], [0.4, 1.7, 0.2]],
+            [[1.0, 2.0, 3.0], [1.1, 2.0, 3.5], [9.0, -4.0, 2.0]],
+            [[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.01, 0.0]],
+        ];
+        for t in triangles {
+            let least = angles(&t).into_iter().fold(f64::INFINITY, f64::min);
+            assert!((smallest_angle(&t) - least).abs() < 1e-14, "{t:?}");
+        }
+        for flat in [[[1.0; 3]; 3], [[0.0; 3], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]] {
+            assert_eq!(smallest_angle(&flat), 0.0);
+        }
+    }
 }

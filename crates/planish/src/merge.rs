@@ -10,6 +10,8 @@
 
 mod align;
 mod common_surface;
+mod completion;
+mod inspection;
 mod patches;
 mod spline;
 
@@ -18,22 +20,20 @@ pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
 use crate::mesh_output::write_known_mesh;
 use crate::model::{PoseReport, SigmaSummary};
+use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
-use planish_estimate::vector3::dot;
+use completion::completed;
+use inspection::{crossings, leave_out_copies, nearest, turn_alike};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, fused, quantile_of_sorted, searches_of,
-    zipped,
+    MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, fused, quantile_of_sorted, zipped,
 };
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// So many vertices of a patch tell whether it is turned over.
-const LOOKED_AT: usize = 2000;
 
 /// How shared places are fused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -55,9 +55,9 @@ pub struct MergeOptions {
     /// Unit of files that name none.
     pub unit: Option<Unit>,
     /// How far the mesh of a model may leave its surface; half its median σ where none is given.
-    pub mesh_tolerance: Option<f64>,
+    pub mesh_tolerance: Option<Length>,
     /// ε: places nearer than this are one; three σ of their difference where none is given.
-    pub epsilon: Option<f64>,
+    pub epsilon: Option<Length>,
     /// θ in degrees: normals of one place differ by less.
     pub theta_deg: Option<f64>,
     /// Holes of up to so many edges are closed.
@@ -105,6 +105,17 @@ pub struct TriangleQuality {
     pub aspect_p99: f64,
 }
 
+/// What a bound added to the patches.
+#[derive(Debug, Clone, Serialize)]
+pub struct CompletionReport {
+    /// Its file.
+    pub name: String,
+    /// Its vertices in the whole, which `observed` gives as completed.
+    pub vertices: usize,
+    /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
+    pub carved: usize,
+}
+
 /// What came of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
@@ -129,6 +140,9 @@ pub struct MergeReport {
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses: Vec<PoseReport>,
+    /// What stands where no patch is, where a bound was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub completed: Option<CompletionReport>,
     /// Whether σ was told from how patches differ where none was stated.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
@@ -166,38 +180,49 @@ pub struct Merged {
     pub report: MergeReport,
 }
 
-/// Merges files: [`read_patches`], then [`merge`].
+/// Merges files: [`read_patches`], then [`merge`]. `bound` is a file of a surface that the thing lies within, taken where no patch is.
 ///
 /// # Errors
 /// As both.
-pub fn merge_files(paths: &[PathBuf], options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
+pub fn merge_files(
+    paths: &[PathBuf],
+    bound: Option<&PathBuf>,
+    options: &MergeOptions,
+    progress: &dyn Progress,
+) -> Result<Merged> {
     progress.check("reading", 0.0)?;
-    let set = read_patches(paths, options.unit, options.mesh_tolerance)?;
+    let set = read_patches(paths, bound, options.unit, options.mesh_tolerance)?;
     merge(set, options, progress)
 }
 
 /// Merges patches.
 ///
 /// # Errors
-/// `Input` for fewer than two patches and for options that are not positive; `Undetermined` where no two patches overlap; `Interrupted` when told to stop.
+/// `Input` for fewer than two patches, copies not counted, and for options that are not positive; `Undetermined` where no two patches overlap, or a patch to be aligned lies on nothing as a part of it would; `Interrupted` when told to stop.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     let PatchSet {
         patches: named,
+        bound,
         unit,
         inputs,
         mut warnings,
     } = set;
-    let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
-    for patch in named.iter().filter(|p| p.dropped > 0) {
+    for named in named.iter().filter(|p| p.tidied.dropped > 0) {
         warnings.push(format!(
             "{}: {} triangles were left out, as other triangles have their edges already",
-            patch.name, patch.dropped
+            named.name, named.tidied.dropped
         ));
     }
+    let named = leave_out_copies(named, &mut warnings)?;
+    let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
     let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
-    let mut patches: Vec<Patch> = named.into_iter().map(|p| p.patch).collect();
+    let (mut patches, numbers): (Vec<Patch>, Vec<Vec<u32>>) =
+        named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
     progress.check("finding what patches share", 0.1)?;
     let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
+    let crossed = crossings(&searches, &names, &numbers);
+    let crosses = !crossed.is_empty();
+    warnings.extend(crossed);
     for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
         warnings.push(format!(
             "{name} faced the other way than the patches that it lies on: it was turned over"
@@ -212,24 +237,28 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         }
         false => Vec::new(),
     };
+    let unit = unit.unwrap_or(Unit::Millimetre);
+    // From here to the report, patches stand in an order that does not hang on that of the files.
+    let order = order_in_space(&patches);
+    let patches = in_order(patches, &order);
+    let searches = in_order(searches, &order);
     let overlap = Overlap::find_with(
         &patches,
         &searches,
         &OverlapOptions {
-            epsilon: options.epsilon,
+            epsilon: options.epsilon.map(|epsilon| epsilon.in_unit(unit)),
             theta_rad: options.theta_deg.map(f64::to_radians),
         },
     )?;
-    let unit = unit.unwrap_or(Unit::Millimetre);
     if overlap.regions.is_empty() {
         return Err(Error::undetermined(format!(
             "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
             patches.len(),
-            nearest(&patches, &searches, &names, unit)
+            nearest(&patches, &searches, &in_order(names, &order), unit)
         )));
     }
     for (k, name) in names.iter().enumerate() {
-        if !overlap.regions.iter().any(|r| r.patches.contains(&k)) {
+        if !overlap.regions.iter().any(|r| r.patches.iter().any(|p| order[*p] == k)) {
             warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
         }
     }
@@ -246,12 +275,38 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         MergeMethod::Mean => mean,
     };
     progress.check("sewing", 0.7)?;
-    let sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill: options.fill })?;
+    // Holes that are filled are not completed.
+    let fill = if bound.is_some() { 0 } else { options.fill };
+    let mut sewn = zipped(&patches, &overlap, &fused, &ZipOptions { fill })?;
+    let completed = match &bound {
+        Some(bound) => {
+            let completed = completed(&sewn, &bound.tidied.patch, options.fill)?;
+            sewn = joined(&sewn, completed.whole, patches.len() as u32);
+            Some(CompletionReport {
+                name: bound.name.clone(),
+                vertices: completed.vertices,
+                carved: completed.carved,
+            })
+        }
+        None => None,
+    };
     progress.check("checking", 0.95)?;
     let check = sewn.mesh.check();
-    let mut kept = vec![0; patches.len()];
+    if crosses {
+        let left = MeshSearch::try_new(&sewn.mesh)?.self_crossings().pairs;
+        warnings.push(match left {
+            0 => "the merged mesh crosses itself nowhere".to_owned(),
+            pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
+        });
+    }
+    let mut kept = vec![0; patches.len() + 1];
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
+    }
+    // Where each patch of the files stands.
+    let mut stands = vec![0; order.len()];
+    for (at, k) in order.iter().enumerate() {
+        stands[*k] = at;
     }
     let report = MergeReport {
         method,
@@ -265,7 +320,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
             .regions
             .iter()
             .map(|r| RegionReport {
-                patches: r.patches,
+                patches: {
+                    let [a, b] = r.patches.map(|p| order[p]);
+                    [a.min(b), a.max(b)]
+                },
                 points: r.points,
                 rms: r.rms,
             })
@@ -273,13 +331,14 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         patches: (0..patches.len())
             .map(|k| PatchReport {
                 name: names[k].clone(),
-                triangles: patches[k].mesh.triangles.len(),
-                vertices_kept: kept[k],
+                triangles: patches[stands[k]].mesh.triangles.len(),
+                vertices_kept: kept[stands[k]],
                 turned_over: turned[k],
-                sigma: SigmaSummary::of(overlap.patches[k].sigma.clone()).median,
+                sigma: SigmaSummary::of(overlap.patches[stands[k]].sigma.clone()).median,
             })
             .collect(),
         poses,
+        completed,
         sigma_estimated: overlap.sigma_estimated,
         sigma: SigmaSummary::of(sewn.sigma.clone()),
         stitched_triangles: check.triangles - sewn.kept,
@@ -293,7 +352,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let observed = sewn
         .source
         .iter()
-        .map(|(p, v)| observed[*p as usize].get(*v as usize).copied().unwrap_or(1))
+        .map(|(p, v)| match order.get(*p as usize).map(|k| &observed[*k]) {
+            Some(of_patch) => of_patch.get(*v as usize).copied().unwrap_or(1),
+            // Of the bound.
+            None => 2,
+        })
         .collect();
     Ok(Merged {
         normals: sewn.mesh.vertex_normals(),
@@ -350,83 +413,44 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
     )
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is; those that are `off` may lie a percent of their size apart. Gives which were turned, and a search for each as it is then.
-fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
-    let mut searches = searches_of(patches)?;
-    let count = patches.len();
-    // Sums of the cosines between normals of near places.
-    let mut agree = vec![0.0; count * count];
-    for i in 0..count {
-        let mesh = &patches[i].mesh;
-        let normals = mesh.vertex_normals();
-        let step = (mesh.positions.len() / LOOKED_AT).max(1);
-        let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
-        let reach = match mesh.bounding_box() {
-            Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
-            _ => edges,
-        };
-        for v in (0..mesh.positions.len()).step_by(step) {
-            for j in (0..count).filter(|j| *j != i) {
-                if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)
-                    && !foot.on_boundary
-                {
-                    let cosine = dot(normals[v], foot.normal);
-                    agree[i * count + j] += cosine;
-                    agree[j * count + i] += cosine;
-                }
-            }
-        }
-    }
-    // The surest neighbour of what is settled comes next.
-    let mut turned: Vec<Option<bool>> = vec![None; count];
-    while let Some(first) = (0..count)
-        .filter(|k| turned[*k].is_none())
-        .max_by_key(|k| patches[*k].mesh.triangles.len())
-    {
-        turned[first] = Some(false);
-        loop {
-            let mut best: Option<(f64, usize, bool)> = None;
-            for k in (0..count).filter(|k| turned[*k].is_none()) {
-                let sum: f64 = (0..count)
-                    .filter_map(|j| Some(agree[k * count + j] * if turned[j]? { -1.0 } else { 1.0 }))
-                    .sum();
-                if sum != 0.0 && best.is_none_or(|(most, ..)| sum.abs() > most) {
-                    best = Some((sum.abs(), k, sum < 0.0));
-                }
-            }
-            let Some((_, k, over)) = best else { break };
-            turned[k] = Some(over);
-        }
-    }
-    let turned: Vec<bool> = turned.into_iter().map(|t| t == Some(true)).collect();
-    for (k, patch) in patches.iter_mut().enumerate().filter(|(k, _)| turned[*k]) {
-        for t in &mut patch.mesh.triangles {
-            t.swap(1, 2);
-        }
-        searches[k] = MeshSearch::try_new(&patch.mesh)?;
-    }
-    Ok((turned, searches))
+/// The numbers of patches in the order of their first places in space.
+fn order_in_space(patches: &[Patch]) -> Vec<usize> {
+    let by = |a: &[f64; 3], b: &[f64; 3]| {
+        let by = |k: usize| a[k].total_cmp(&b[k]);
+        by(0).then(by(1)).then(by(2))
+    };
+    let first = |patch: &Patch| patch.mesh.positions.iter().copied().min_by(by);
+    let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
+    let mut order: Vec<usize> = (0..patches.len()).collect();
+    order.sort_by(|i, j| match (&firsts[*i], &firsts[*j]) {
+        (Some(a), Some(b)) => by(a, b),
+        (a, b) => a.is_some().cmp(&b.is_some()),
+    });
+    order
 }
 
-/// How near patches come that do not overlap, in words.
-fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: Unit) -> String {
-    let mut best: Option<(f64, usize, usize)> = None;
-    for (j, search) in searches.iter().enumerate() {
-        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
-            let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
-            for p in here.mesh.positions.iter().step_by(step) {
-                if let Some(foot) = search.closest(*p)
-                    && best.is_none_or(|(d, ..)| foot.distance < d)
-                {
-                    best = Some((foot.distance, i, j));
-                }
-            }
-        }
+fn in_order<T>(of: Vec<T>, order: &[usize]) -> Vec<T> {
+    let mut of: Vec<Option<T>> = of.into_iter().map(Some).collect();
+    order.iter().filter_map(|k| of[*k].take()).collect()
+}
+
+/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch `bound`.
+fn joined(merged: &Zipped, mut whole: Zipped, bound: u32) -> Zipped {
+    for source in &mut whole.source {
+        *source = match *source {
+            (0, v) => merged.source[v as usize],
+            (_, v) => (bound, v),
+        };
     }
-    match best {
-        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
-        None => "they have no places".to_owned(),
+    // Triangles that sewed before are among those kept now.
+    whole.kept = whole.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
+    whole.holes_closed += merged.holes_closed;
+    let longest = whole.valence.len().max(merged.valence.len());
+    whole.valence.resize(longest, 0);
+    for (n, count) in merged.valence.iter().enumerate() {
+        whole.valence[n] += count;
     }
+    whole
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

@@ -141,13 +141,37 @@ impl HeightField {
     /// The height over a place; `None` outside of the cells.
     #[must_use]
     pub fn at(&self, place: [f64; 2]) -> Option<Height> {
-        let Grid { cell, .. } = self.grid;
         let (first, local) = self.grid.locate(place);
-        // Rounding at the ends; what is not finite is nowhere.
-        if !local.iter().all(|t| (-1e-9..=1.0 + 1e-9).contains(t)) {
+        let nodes = self.grid.nodes(first);
+        if !inside(local) {
             return None;
         }
-        let nodes = self.grid.nodes(first);
+        Some(self.within(&nodes, local, &self.covariance.dense(&nodes)?))
+    }
+
+    /// [`HeightField::at`] for many places: what is known of a cell is looked up once for all of its places.
+    #[must_use]
+    pub fn at_all(&self, places: &[[f64; 2]]) -> Vec<Option<Height>> {
+        let located: Vec<([usize; 2], [f64; 2])> = places.iter().map(|p| self.grid.locate(*p)).collect();
+        let mut order: Vec<usize> = (0..places.len()).filter(|k| inside(located[*k].1)).collect();
+        order.sort_by_key(|k| located[*k].0);
+        let mut all = vec![None; places.len()];
+        let mut covariance = Vec::new();
+        for of_cell in order.chunk_by(|a, b| located[*a].0 == located[*b].0) {
+            let nodes = self.grid.nodes(located[of_cell[0]].0);
+            if !self.covariance.dense_into(&nodes, &mut covariance) {
+                continue;
+            }
+            for k in of_cell {
+                all[*k] = Some(self.within(&nodes, located[*k].1, &covariance));
+            }
+        }
+        all
+    }
+
+    /// The height at a place of a cell whose control heights have such a covariance.
+    fn within(&self, nodes: &[u32; 16], local: [f64; 2], covariance: &[f64]) -> Height {
+        let Grid { cell, .. } = self.grid;
         let [x, y] = local.map(cubic);
         let weights = |ox: usize, oy: usize| -> [f64; 16] { std::array::from_fn(|k| x[ox][k % 4] * y[oy][k / 4]) };
         let sum = |w: &[f64; 16]| -> f64 {
@@ -158,19 +182,20 @@ impl HeightField {
                 .sum()
         };
         let value = weights(0, 0);
-        let covariance = self.covariance.dense(&nodes)?;
-        let mut variance = 0.0;
-        for i in 0..16 {
-            for j in 0..16 {
-                variance += value[i] * covariance[16 * i + j] * value[j];
-            }
-        }
-        Some(Height {
+        let variance: f64 = (value.iter().zip(covariance.chunks_exact(16)))
+            .map(|(w, row)| w * row.iter().zip(&value).map(|(c, v)| c * v).sum::<f64>())
+            .sum();
+        Height {
             height: sum(&value),
             slope: [sum(&weights(1, 0)) / cell, sum(&weights(0, 1)) / cell],
             variance: self.dispersion * variance.max(0.0),
-        })
+        }
     }
+}
+
+/// Whether a place of a cell is in it, but for rounding at the ends; what is not finite is nowhere.
+fn inside(local: [f64; 2]) -> bool {
+    local.iter().all(|t| (-1e-9..=1.0 + 1e-9).contains(t))
 }
 
 /// The cells of a field.
@@ -253,10 +278,12 @@ impl Grid {
         let evaluate = |weight: f64| -> Result<SmoothnessEvaluation> {
             let (factor, x) = at_weight(weight)?;
             let along: f64 = x.iter().zip(data.vector()).map(|(x, y)| x * y).sum();
+            let roughness = energy.quadratic_form(&x)?;
             Ok(SmoothnessEvaluation {
                 log_determinant: factor.log_determinant(),
-                residual: (squares - 2.0 * along + data.quadratic_form(&x)?).max(0.0),
-                roughness: energy.quadratic_form(&x)?,
+                // x solves (D + τ E) x = b, so that xᵀ D x = xᵀ b − τ xᵀ E x.
+                residual: (squares - along - weight * roughness).max(0.0),
+                roughness,
                 trace: None,
             })
         };
@@ -394,6 +421,8 @@ mod tests {
         assert!(gap.variance > 9.0 * seen.variance, "{gap:?} {seen:?}");
         assert!((gap.height - truth([10.0, 7.0])).abs() < 4.0 * gap.variance.sqrt());
         assert!(field.at([30.0, 7.0]).is_none());
+        let places = [[3.0, 3.0], [30.0, 7.0], [10.0, 7.0], [3.1, 3.0], [f64::NAN, 1.0]];
+        assert_eq!(field.at_all(&places), places.map(|p| field.at(p)));
         let step = 1e-6;
         let [along, across] =
             [[3.0 + step, 3.0], [3.0, 3.0 + step]].map(|p| (field.at(p).unwrap().height - seen.height) / step);

@@ -12,13 +12,16 @@ pub(super) struct Manifold {
     pub mesh: TriangleMesh,
     /// The vertex of the mesh before.
     pub source: Vec<u32>,
-    /// Triangles left out.
-    pub dropped: usize,
+    /// The triangle of the mesh before.
+    pub triangles: Vec<u32>,
 }
 
 /// Keeps, at every edge, the first triangle that runs along it each way; then takes fans apart. Unused vertices are left out.
 pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
-    let mut triangles: Vec<[u32; 3]> = mesh.triangles.iter().copied().filter(|t| !is_collapsed(*t)).collect();
+    let (mut numbers, mut triangles): (Vec<u32>, Vec<[u32; 3]>) = (0..)
+        .zip(mesh.triangles.iter().copied())
+        .filter(|(_, t)| !is_collapsed(*t))
+        .unzip();
     loop {
         let table = EdgeTable::of(&triangles);
         let mut drop = vec![false; triangles.len()];
@@ -33,23 +36,20 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
                 }
             }
         }
-        let before = triangles.len();
-        let mut at = 0;
-        triangles.retain(|_| {
-            at += 1;
-            !drop[at - 1]
-        });
-        if triangles.len() == before {
+        if !drop.contains(&true) {
             break;
         }
+        let mut dropped = drop.iter();
+        triangles.retain(|_| dropped.next() == Some(&false));
+        let mut dropped = drop.iter();
+        numbers.retain(|_| dropped.next() == Some(&false));
     }
-    let dropped = mesh.triangles.len() - triangles.len();
     let (triangles, source) = one_fan_each(triangles, mesh.positions.len());
     let positions = source.iter().map(|&v| mesh.positions[v as usize]).collect();
     Manifold {
         mesh: TriangleMesh { positions, triangles },
         source,
-        dropped,
+        triangles: numbers,
     }
 }
 
@@ -130,7 +130,7 @@ mod tests {
     fn what_is_a_surface_stays_as_it_is() {
         for mesh in [icosphere(1.0, 2), grid_sheet(1.0, 1.0, 4, 5)] {
             let kept = manifold(&mesh);
-            assert_eq!(kept.dropped, 0);
+            assert!(kept.triangles.iter().copied().eq(0..mesh.triangles.len() as u32));
             assert_eq!(kept.mesh.check(), mesh.check());
         }
     }
@@ -145,7 +145,7 @@ mod tests {
         let kept = manifold(&mesh);
         let check = kept.mesh.check();
         assert!(check.manifold && check.oriented, "{check:?}");
-        assert_eq!((kept.dropped, check.components), (2, 2));
+        assert_eq!((kept.triangles, check.components), (vec![0, 1, 3], 2));
         assert_eq!(kept.source.iter().filter(|&&v| v == 2).count(), 2);
     }
 }

@@ -24,7 +24,7 @@ fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh
 fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Overlap, Zipped) {
     let patches: Vec<Patch> = meshes
         .iter()
-        .map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().0)
+        .map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().patch)
         .collect();
     let overlap = Overlap::find(&patches, options).unwrap();
     let fused = fused(&patches, &overlap);

@@ -4,20 +4,40 @@
 //! topology does not allow.
 
 use super::manifold::{NONE, next_in_triangle, opposites, previous_in_triangle};
-use crate::triangle::triangle_shape;
+use crate::triangle::smallest_angle;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::HashSet;
 
-/// The least cosine between the two triangles at an edge, before and after it is turned.
-const FLAT: f64 = 0.7;
-/// Turns in a row that are tried.
-const IN_A_ROW: usize = 3;
-/// Angles larger than this are good enough, in radians.
-const WELL_SHAPED_RAD: f64 = 0.35;
+/// What turns must leave as it is.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    /// The least cosine between the two triangles at an edge, before and after it is turned.
+    flat: f64,
+    /// Angles larger than this are good enough, in radians.
+    well_shaped_rad: f64,
+    /// The smallest angle of the triangles may shrink to this share by a turn.
+    worse: f64,
+    /// Turns in a row that are tried.
+    in_a_row: usize,
+}
+
+/// First nothing that would show; where vertices keep too many edges, more.
+const LIMITS: [Limits; 2] = [
+    Limits {
+        flat: 0.7,
+        well_shaped_rad: 0.35,
+        worse: 0.4,
+        in_a_row: 3,
+    },
+    Limits {
+        flat: 0.5,
+        well_shaped_rad: 0.17,
+        worse: 0.3,
+        in_a_row: 4,
+    },
+];
 /// How much more edges beyond six count where they are not wanted.
 const TOO_MANY: i64 = 20;
-/// The smallest angle of the triangles may shrink to this share by a turn.
-const WORSE: f64 = 0.4;
 
 /// How many edges meet in every vertex.
 pub(super) fn valences(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
@@ -44,17 +64,21 @@ pub(super) fn even_out(positions: &[[f64; 3]], triangles: &mut [[u32; 3]], wante
         }
     }
     // What no single turn betters, some in a row may.
-    loop {
-        let before = net.turns;
-        for v in 0..positions.len() as u32 {
-            if wanted[v as usize] && net.valence[v as usize] > 6 {
-                net.relieve(v, IN_A_ROW, 0);
+    for limits in LIMITS {
+        net.limits = limits;
+        loop {
+            let before = net.turns;
+            for v in 0..positions.len() as u32 {
+                if wanted[v as usize] && net.valence[v as usize] > 6 {
+                    net.relieve(v, limits.in_a_row, 0);
+                }
+            }
+            if net.turns == before {
+                break;
             }
         }
-        if net.turns == before {
-            return net.turns;
-        }
     }
+    net.turns
 }
 
 /// Triangles with what is known of their edges and vertices.
@@ -70,6 +94,7 @@ struct Net<'a> {
     valence: Vec<u32>,
     border: Vec<bool>,
     edges: HashSet<[u32; 2]>,
+    limits: Limits,
     turns: usize,
 }
 
@@ -110,6 +135,7 @@ impl<'a> Net<'a> {
             leaves,
             border,
             edges,
+            limits: LIMITS[0],
             turns: 0,
         }
     }
@@ -154,17 +180,21 @@ impl<'a> Net<'a> {
     fn stays_flat(&self, [a, b, c, d]: [u32; 4]) -> bool {
         let at = |v: u32| self.positions[v as usize];
         let normal = |t: [u32; 3]| cross(sub(at(t[1]), at(t[0])), sub(at(t[2]), at(t[0])));
-        let flat = |m: [f64; 3], n: [f64; 3]| dot(m, n) > FLAT * norm(m) * norm(n);
+        let flat = |m: [f64; 3], n: [f64; 3]| dot(m, n) > self.limits.flat * norm(m) * norm(n);
         let (old, new) = ([[a, b, c], [b, a, d]], [[c, d, b], [d, c, a]]);
         let ([o0, o1], [n0, n1]) = (old.map(normal), new.map(normal));
         if !(flat(o0, o1) && flat(n0, n1) && flat(o0, n0) && flat(o0, n1)) {
             return false;
         }
         let least = |all: [[u32; 3]; 2]| {
-            let angles = all.map(|t| triangle_shape(&t.map(at)).0);
+            let angles = all.map(|t| smallest_angle(&t.map(at)));
             angles[0].min(angles[1])
         };
-        least(new) >= (WORSE * least(old)).min(WELL_SHAPED_RAD)
+        let new = least(new);
+        if new >= self.limits.well_shaped_rad {
+            return true;
+        }
+        new >= self.limits.worse * least(old)
     }
 
     /// Turns an edge, without a question; gives its triangles. The edge is then the first of both.

@@ -44,6 +44,12 @@ const FROM_BORDER: usize = 2;
 const AT_REST: f64 = 0.05;
 /// A direction whose variance is more than this share of what was held before is open.
 const DETERMINED: f64 = 0.25;
+/// The least scale of residuals, as a share of the size of all patches: what rounding to single precision does.
+const LEAST_SCALE: f64 = 1e-7;
+/// Patches that are parts of one thing lie no more than so many σ apart when they are aligned, and, where σ is not stated, no more than an edge.
+const APART: f64 = 5.0;
+/// Planes and balls leave three directions open, nothing that patches share leaves more.
+const MOST_OPEN: usize = 4;
 /// Places are sought within so many scales of the residuals.
 const REACH: f64 = 8.0;
 
@@ -96,7 +102,7 @@ impl Side<'_> {
 /// Moves all patches but the first to where they lie on one another. Gives the motion of each, and what a user should know.
 ///
 /// # Errors
-/// `Undetermined` where nothing lies on anything within reach; `Interrupted` when told to stop.
+/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and hardly any of its directions is told; `Interrupted` when told to stop.
 pub(super) fn align(
     patches: &mut [Patch],
     searches: &mut [MeshSearch],
@@ -205,7 +211,7 @@ fn motions(
                 patches.len()
             )));
         }
-        let least = if stated { 1.0 } else { f64::MIN_POSITIVE };
+        let least = if stated { 1.0 } else { LEAST_SCALE * size };
         let scale = median_magnitude_scale(&normalised)?.max(least);
         let equations = Equations::of(&sides, &rows, scale, &hold)?;
         let (step, largest) = equations.step(sides.len());
@@ -225,10 +231,31 @@ fn motions(
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
-            let motions = (0..sides.len())
+            let motions: Vec<Motion> = (0..sides.len())
                 .map(|k| motion(k, &sides, &rows, &covariances, &hold))
                 .collect();
             warnings.extend(not_told(&sides, &rows, names));
+            // How far a patch lies from its neighbours, in what it should at most.
+            for (k, motion) in motions.iter().enumerate().skip(1) {
+                let (off, normalised) = apart(k, &rows)?;
+                let how = match stated {
+                    true if normalised > APART => format!("{off:.3} apart, {normalised:.0} σ of their difference"),
+                    false if off > spacing => format!("{off:.3} apart, farther than edges are long"),
+                    _ => continue,
+                };
+                if motion.undetermined.len() >= MOST_OPEN {
+                    return Err(Error::undetermined(format!(
+                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of its six directions; check that it is a part of the same thing, in the same frame \
+                         and unit (--unit), and that its σ is true",
+                        names[k],
+                        6 - motion.undetermined.len()
+                    )));
+                }
+                warnings.push(format!(
+                    "{} and what is near it on other patches are still {how}: it is no part of the same thing, in another unit, or its σ is too small",
+                    names[k]
+                ));
+            }
             return Ok((motions, warnings));
         }
     }
@@ -240,6 +267,17 @@ fn not_told<'a>(sides: &'a [Side], rows: &'a [Residual], names: &'a [String]) ->
     (1..sides.len())
         .filter(|k| told(*k, rows) < LEAST_RESIDUALS)
         .map(|k| format!("{} lies on no other patch within reach: it was not aligned", names[k]))
+}
+
+/// The scale of what is between a patch and others: as a length, and in σ where they are stated. Nothing where it lies on none.
+fn apart(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
+    let mine = || rows.iter().filter(|r| r.here == k || r.there == k);
+    let off: Vec<f64> = mine().map(|r| r.off).collect();
+    if off.is_empty() {
+        return Ok((0.0, 0.0));
+    }
+    let normalised: Vec<f64> = mine().map(Residual::normalised).collect();
+    Ok((median_magnitude_scale(&off)?, median_magnitude_scale(&normalised)?))
 }
 
 fn told(k: usize, rows: &[Residual]) -> usize {

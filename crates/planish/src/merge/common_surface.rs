@@ -12,6 +12,7 @@ use planish_estimate::{Dispersion, Result};
 use planish_mesh::{Fused, Neighbours, Overlap, Patch};
 use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// The radius of a piece, in edges.
 const RADIUS: f64 = 16.0;
@@ -63,12 +64,14 @@ pub(super) fn refitted(
     let mut moved: Vec<Vec<[f64; 3]>> = patches.iter().map(|p| vec![[0.0; 3]; p.mesh.positions.len()]).collect();
     let mut sigma: Vec<Vec<f64>> = weight.clone();
     let mut walk = Walk::new(patches);
-    let seeds: Vec<Place> = patches
+    let mut seeds: Vec<Place> = patches
         .iter()
         .enumerate()
         .flat_map(|(p, patch)| (0..patch.mesh.positions.len()).map(move |v| (p as u32, v as u32)))
         .filter(|place| shared(*place))
         .collect();
+    // Where pieces begin must not hang on the order of the patches.
+    seeds.par_sort_unstable_by(|a, b| by_position(patches, *a, *b));
     let mut next = 0;
     while next < seeds.len() {
         progress.check("refitting what patches share", next as f64 / seeds.len() as f64)?;
@@ -125,6 +128,13 @@ pub(super) fn refitted(
         fused
     });
     Ok(out.collect())
+}
+
+/// The order of places in space, whichever patch they are of.
+fn by_position(patches: &[Patch], a: Place, b: Place) -> Ordering {
+    let [p, q] = [a, b].map(|(p, v)| patches[p as usize].mesh.positions[v as usize]);
+    let by = |k: usize| p[k].total_cmp(&q[k]);
+    by(0).then(by(1)).then(by(2)).then(a.cmp(&b))
 }
 
 /// How far within other patches a place lies: nothing at their borders, one some edges from it.
@@ -189,12 +199,11 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
         Refit::Information => Dispersion::Known(1.0),
     };
     let field = HeightField::fit(&readings, CELL * spacing, dispersion)?;
-    Ok(piece
-        .members
-        .iter()
-        .zip(&readings)
-        .filter_map(|((member, w), reading)| {
-            let found = field.at(reading.place)?;
+    let places: Vec<[f64; 2]> = readings.iter().map(|r| r.place).collect();
+    Ok((piece.members.iter().zip(&readings))
+        .zip(field.at_all(&places))
+        .filter_map(|(((member, w), reading), found)| {
+            let found = found?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
             Some(Said {
@@ -264,7 +273,7 @@ impl Walk {
             }
         }
         // The order of the walk is the patches'; that of the sums should not be.
-        members.sort_by_key(|(place, _)| *place);
+        members.sort_unstable_by(|(a, _), (b, _)| by_position(patches, *a, *b));
         members
     }
 }

@@ -5,12 +5,13 @@
 use crate::compare::ComparedMesh;
 use crate::mesh_output::mesh_from_model;
 use crate::model::Observed;
+use crate::next::Length;
 use crate::saved;
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, read_mesh};
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
-use planish_mesh::{Patch, TriangleMesh};
+use planish_mesh::{Patch, Tidied, TriangleMesh};
 use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
 use std::path::{Path, PathBuf};
 
@@ -22,10 +23,8 @@ const STEP: f64 = 4.0;
 pub struct NamedPatch {
     /// The file, and the scan in it where there are several.
     pub name: String,
-    /// The surface.
-    pub patch: Patch,
-    /// Triangles left out because an edge had two already.
-    pub dropped: usize,
+    /// The surface, and the triangles of the file that it is of.
+    pub tidied: Tidied,
     /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were measured.
     pub observed: Vec<u8>,
 }
@@ -35,6 +34,8 @@ pub struct NamedPatch {
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
+    /// What the thing lies within, taken where no patch is.
+    pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,
     /// Every file that was read.
@@ -43,16 +44,22 @@ pub struct PatchSet {
     pub warnings: Vec<String>,
 }
 
-/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), organised scans and lists of them. `chord` is how far the mesh of a model may leave its surface; half its median σ where none is given.
+/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), organised scans and lists of them. `chord` is how far the mesh of a model may leave its surface, in the model's unit where it has none of its own; half its median σ where none is given.
 ///
-/// Lengths in other units are turned into those of the first file that names one; `unit` is that of files that name none.
+/// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, and for a model nothing of which was measured.
-pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -> Result<PatchSet> {
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches.
+pub fn read_patches(
+    paths: &[PathBuf],
+    bound: Option<&PathBuf>,
+    unit: Option<Unit>,
+    chord: Option<Length>,
+) -> Result<PatchSet> {
     let mut set = PatchSet::default();
     let mut read: Vec<(NamedPatch, Option<Unit>)> = Vec::new();
-    for path in paths {
+    for (at, path) in paths.iter().chain(bound).enumerate() {
+        let first = read.len();
         let name = path.display().to_string();
         let with_faces = match is_mesh_file(path) {
             true => Some(read_mesh(path)?).filter(|file| !file.triangles.is_empty()),
@@ -61,6 +68,7 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
         if extension(path) == "planish" {
             set.inputs.push(path.clone());
             let model = saved::load(path)?;
+            let chord = chord.map(|chord| chord.in_unit(model.unit));
             let mesh = mesh_from_model(&model, &model.posterior()?, chord).map_err(|e| e.in_context(path.display()))?;
             let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
             read.push((
@@ -73,7 +81,7 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
                 mesh,
                 sigma,
                 observed,
-                unit,
+                unit: of_file,
             } = ComparedMesh::of_file(file, path)?;
             let known: Vec<bool> = match &observed {
                 Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
@@ -81,7 +89,7 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
             };
             let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
             let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
-            read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, unit));
+            read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, of_file.or(unit)));
         } else {
             let scans = read_inputs(&[path], unit)?;
             set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
@@ -90,54 +98,65 @@ pub fn read_patches(paths: &[PathBuf], unit: Option<Unit>, chord: Option<f64>) -
                 read.push((of_scan(path, posed, sensor)?, scans.unit));
             }
         }
+        if at == paths.len() && read.len() != first + 1 {
+            return Err(Error::input(format!(
+                "{}: what bounds a thing is one surface, found {}",
+                path.display(),
+                read.len() - first
+            )));
+        }
     }
     set.unit = read.iter().find_map(|(_, unit)| *unit).or(unit);
-    for (mut patch, of_file) in read {
-        if let (Some(from), Some(to)) = (of_file, set.unit)
-            && from != to
-        {
-            let factor = from.millimetres() / to.millimetres();
-            for p in &mut patch.patch.mesh.positions {
-                *p = p.map(|x| factor * x);
+    for (mut named, of_file) in read {
+        match (of_file, set.unit) {
+            (Some(from), Some(to)) if from != to => {
+                let factor = from.millimetres() / to.millimetres();
+                let patch = &mut named.tidied.patch;
+                for p in &mut patch.mesh.positions {
+                    *p = p.map(|x| factor * x);
+                }
+                for s in &mut patch.sigma {
+                    *s *= factor;
+                }
+                set.warnings
+                    .push(format!("{}: turned from {from} into {to}", named.name));
             }
-            for s in &mut patch.patch.sigma {
-                *s *= factor;
-            }
-            set.warnings
-                .push(format!("{}: turned from {from} into {to}", patch.name));
+            (None, Some(to)) => set.warnings.push(format!(
+                "{} names no unit: taken to be in {to}, as others are; --unit says another",
+                named.name
+            )),
+            _ => {}
         }
-        set.patches.push(patch);
+        set.patches.push(named);
     }
+    set.bound = bound.and_then(|_| set.patches.pop());
     Ok(set)
 }
 
 /// The manifold part of the triangles whose corners are known.
 fn of_mesh(name: String, mesh: &TriangleMesh, sigma: &[f64], known: &[bool], observed: &[u8]) -> Result<NamedPatch> {
+    let (numbers, triangles): (Vec<u32>, Vec<[u32; 3]>) = (0..)
+        .zip(mesh.triangles.iter().copied())
+        .filter(|(_, t)| t.iter().all(|v| known[*v as usize]))
+        .unzip();
     let seen = TriangleMesh {
         positions: mesh.positions.clone(),
-        triangles: mesh
-            .triangles
-            .iter()
-            .copied()
-            .filter(|t| t.iter().all(|v| known[*v as usize]))
-            .collect(),
+        triangles,
     };
     if seen.triangles.is_empty() {
         return Err(Error::input(format!(
             "{name}: nothing of it was measured: there is nothing to merge"
         )));
     }
-    let (patch, dropped, source) = Patch::tidy(&seen, sigma).map_err(|e| e.in_context(&name))?;
+    let mut tidied = Patch::tidy(&seen, sigma).map_err(|e| e.in_context(&name))?;
+    for t in &mut tidied.triangles {
+        *t = numbers[*t as usize];
+    }
     let observed = match observed.is_empty() {
         true => Vec::new(),
-        false => source.iter().map(|v| observed[*v as usize]).collect(),
+        false => tidied.vertices.iter().map(|v| observed[*v as usize]).collect(),
     };
-    Ok(NamedPatch {
-        name,
-        patch,
-        dropped,
-        observed,
-    })
+    Ok(NamedPatch { name, tidied, observed })
 }
 
 fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<NamedPatch> {

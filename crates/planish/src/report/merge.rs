@@ -61,6 +61,14 @@ fn merge_page(merged: &Merged) -> Page {
         counted(report.stitched_triangles, "triangle"),
         counted(report.holes_closed, "hole"),
     );
+    if let Some(completed) = &report.completed {
+        mesh_text += &format!(
+            " {} are of {}, where no patch is; {} reached out of it and were carved away.",
+            counted(completed.vertices, "vertex"),
+            short(&completed.name),
+            counted(completed.carved, "triangle")
+        );
+    }
     if let Some(quality) = &report.quality {
         mesh_text += &format!(
             " Smallest angles: median {}°, one in a hundred below {}°.",
@@ -115,12 +123,56 @@ fn merge_page(merged: &Merged) -> Page {
             ..Scene::default()
         }),
         drawings: Vec::new(),
-        sections: vec![
-            Section::new("What went in", vec![Block::Table(patches)]),
-            Section::new("Where patches overlap", vec![Block::Table(regions)]),
-            Section::new("The mesh", vec![Block::Text(mesh_text)]),
-        ],
+        sections: [
+            Some(Section::new("What went in", vec![Block::Table(patches)])),
+            (!report.poses.is_empty()).then(|| Section::new("How patches were moved", alignment(report))),
+            Some(Section::new("Where patches overlap", vec![Block::Table(regions)])),
+            Some(Section::new("The mesh", vec![Block::Text(mesh_text)])),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
     }
+}
+
+/// The motion of every patch, and how well it is known.
+fn alignment(report: &MergeReport) -> Vec<Block> {
+    let sigmas = report.poses.iter().filter_map(|p| p.sigma_translation);
+    let unit = SmallUnit::of(report.unit.name(), sigmas.fold(0.0, f64::max));
+    let mut table = Table::new([
+        "patch",
+        &unit.head("moved"),
+        "turned / °",
+        &unit.head("σ of translation"),
+        "σ of rotation / °",
+        "open directions",
+    ]);
+    for (k, pose) in report.poses.iter().enumerate() {
+        let number = |value: Option<f64>| value.map_or_else(String::new, |x| significant(x, 3));
+        let length = |value: Option<f64>| value.map_or_else(String::new, |x| unit.number(x, 3));
+        table.row(
+            [
+                short(&pose.scan),
+                if k == 0 { "held".to_owned() } else { length(pose.moved) },
+                number(pose.turned_deg),
+                length(pose.sigma_translation),
+                number(pose.sigma_rotation_deg),
+                match (k, pose.covariance) {
+                    (0, _) => String::new(),
+                    (_, None) => "not aligned".to_owned(),
+                    _ => format!("{} of 6", pose.undetermined.len()),
+                },
+            ],
+            k > 0 && (pose.covariance.is_none() || !pose.undetermined.is_empty()),
+        );
+    }
+    vec![
+        Block::Text(
+            "Patches were brought to where they lie on the others, the first as it stands. σ is of the translation along an axis, and of the turn about one (root mean square over three axes); along open directions, which the overlaps do not tell, a patch stays where it was."
+                .to_owned(),
+        ),
+        Block::Table(table),
+    ]
 }
 
 fn findings(report: &MergeReport) -> Vec<Finding> {

@@ -24,7 +24,7 @@ fn square(x: f64, moved: &Pose, height: impl Fn(f64, f64) -> f64, mut error: imp
         let n = unit([-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0]).unwrap();
         *p = moved.apply(add_scaled([a, b, height(a, b)], error(a, b), n));
     }
-    Patch::tidy(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().0
+    Patch::tidy(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
 }
 
 /// Aligns patches in place.
@@ -157,4 +157,20 @@ fn patches_out_of_reach_are_refused() {
     let far = |x: f64| square(x, &Pose::identity(), rolling, |_, _| 0.0);
     let told = aligned(&mut [far(0.0), far(400.0)]).unwrap_err().to_string();
     assert!(told.contains("within"), "{told}");
+}
+
+/// What is not of one thing is near at places, but does not come together: that is an error, or said aloud.
+#[test]
+fn unlike_things_do_not_pass_for_one() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let other = |x: f64, y: f64| rolling(1.7 * y + 4.0, 1.4 * x);
+    let mut patches = [
+        square(0.0, &Pose::identity(), rolling, |_, _| SIGMA * normal(&mut random)),
+        square(15.3, &Pose::identity(), other, |_, _| SIGMA * normal(&mut random)),
+    ];
+    let told = aligned(&mut patches).unwrap_err().to_string();
+    assert!(
+        told.contains("square 1 cannot be aligned") && told.contains("σ of their difference"),
+        "{told}"
+    );
 }

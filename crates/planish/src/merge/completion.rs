@@ -1,0 +1,196 @@
+//! What no patch covers, taken from a surface that bounds the thing.
+//!
+//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not guaranteed: that the thing is as large there as what bounds it; anything where patches face inwards.
+
+use planish_estimate::vector3::distance;
+use planish_estimate::{Error, Result};
+use planish_mesh::{Fused, MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, zipped};
+use rayon::prelude::*;
+
+/// Under patches and over them, the bound is left out up to so many of its edges away.
+const OVER: f64 = 6.0;
+/// Beyond the border of a patch it is left out up to so many edges away, so that there is room to sew.
+const BESIDE: f64 = 1.0;
+/// Normals of one side of a thing differ by less.
+const LARGEST_ANGLE_RAD: f64 = 1.2;
+/// What is left of the bound lies on no patch: ε, in edges.
+const EPSILON: f64 = 0.01;
+
+/// Triangles of patches reach out of the bound by so many of its edges at most.
+const OUTSIDE: f64 = 1.5;
+/// Holes of no more edges than this are notches in borders that were sewn.
+const NOTCH: usize = 8;
+/// Triangles are looked at in so many places along an edge at most.
+const MOST_STEPS: usize = 32;
+
+/// A whole and how much of it is the bound's.
+pub(super) struct Completed {
+    /// The whole; patch 0 of its sources is what was merged, 1 the bound.
+    pub whole: Zipped,
+    /// Vertices that are the bound's.
+    pub vertices: usize,
+    /// Triangles that were carved away, as they reached out of the bound.
+    pub carved: usize,
+}
+
+/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are carved away.
+pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<Completed> {
+    let mut mesh = bound.mesh.clone();
+    // Of an equilateral triangle with the mean area.
+    let edge = (mesh.area() / mesh.triangles.len() as f64 * 4.0 / 3.0_f64.sqrt()).sqrt();
+    let volume = mesh.signed_volume();
+    if volume.is_some_and(|volume| volume < 0.0) {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    let limits = match volume {
+        Some(_) => Some((MeshSearch::try_new(&mesh)?, edge)),
+        None => None,
+    };
+    let limits = limits.as_ref().map(|(search, edge)| (search, *edge));
+    let (first, source, mut carved) = within(&merged.mesh, &merged.sigma, limits)?;
+    let search = MeshSearch::try_new(&first.mesh)?;
+    let normals = mesh.vertex_normals();
+    let covered: Vec<bool> = (mesh.positions.par_iter().zip(&normals))
+        .map(|(p, n)| {
+            let foot = search.closest_compatible_within(*p, *n, LARGEST_ANGLE_RAD, OVER * edge);
+            foot.is_some_and(|foot| !foot.on_boundary || foot.distance <= BESIDE * edge)
+        })
+        .collect();
+    mesh.triangles.retain(|t| t.iter().all(|v| !covered[*v as usize]));
+    let sigma = match bound.sigma.is_empty() {
+        true => vec![edge; mesh.positions.len()],
+        false => bound.sigma.clone(),
+    };
+    let rest = Patch::tidy(&mesh, &sigma)?.patch;
+    let whole = if rest.mesh.triangles.is_empty() {
+        let count = first.mesh.positions.len();
+        Zipped {
+            kept: first.mesh.triangles.len(),
+            source: (0..count as u32).map(|v| (0, v)).collect(),
+            stitched: vec![false; count],
+            holes_closed: 0,
+            turned: 0,
+            valence: Vec::new(),
+            mesh: first.mesh,
+            sigma: first.sigma,
+        }
+    } else {
+        let patches = [first, rest];
+        let options = OverlapOptions {
+            epsilon: Some(EPSILON * edge),
+            theta_rad: None,
+        };
+        let overlap = Overlap::find(&patches, &options)?;
+        let places = patches.each_ref().map(|patch| Fused {
+            positions: patch.mesh.positions.clone(),
+            sigma: patch.sigma.clone(),
+        });
+        let fill = fill.max(NOTCH);
+        zipped(&patches, &overlap, &places, &ZipOptions { fill })?
+    };
+    // Holes may have been closed across what is empty.
+    let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
+    carved += again;
+    let whole = Zipped {
+        source: (of_whole.iter().map(|v| whole.source[*v as usize]))
+            .map(|(patch, v)| (patch, if patch == 0 { source[v as usize] } else { v }))
+            .collect(),
+        stitched: of_whole.iter().map(|v| whole.stitched[*v as usize]).collect(),
+        kept: whole.kept.min(last.mesh.triangles.len()),
+        mesh: last.mesh,
+        sigma: last.sigma,
+        ..whole
+    };
+    let vertices = whole.source.iter().filter(|(patch, _)| *patch == 1).count();
+    Ok(Completed {
+        whole,
+        vertices,
+        carved,
+    })
+}
+
+/// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs was, and how many are left out.
+fn within(mesh: &TriangleMesh, sigma: &[f64], bound: Option<(&MeshSearch, f64)>) -> Result<(Patch, Vec<u32>, usize)> {
+    let stays = |t: usize| {
+        let Some((search, edge)) = bound else { return true };
+        let [a, b, c] = mesh.corners(t);
+        let longest = distance(a, b).max(distance(b, c)).max(distance(c, a));
+        let steps = ((longest / edge).ceil().max(1.0) as usize).min(MOST_STEPS);
+        let mut places = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| [i, j, steps - i - j]));
+        places.all(|weights| {
+            let place = mesh.point_at(t, weights.map(|w| w as f64 / steps as f64));
+            search
+                .closest(place)
+                .is_none_or(|foot| foot.signed_distance <= OUTSIDE * edge)
+        })
+    };
+    let stay: Vec<bool> = (0..mesh.triangles.len()).into_par_iter().map(stays).collect();
+    let triangles: Vec<[u32; 3]> = (mesh.triangles.iter().zip(&stay))
+        .filter(|(_, stays)| **stays)
+        .map(|(t, _)| *t)
+        .collect();
+    let carved = mesh.triangles.len() - triangles.len();
+    if triangles.is_empty() {
+        return Err(Error::undetermined(
+            "all of the patches lies outside of what is to complete them: check that both are in one frame and unit",
+        ));
+    }
+    let mesh = TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles,
+    };
+    let tidied = Patch::tidy(&mesh, sigma)?;
+    Ok((tidied.patch, tidied.vertices, carved))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::norm;
+    use planish_mesh::icosphere;
+
+    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces inwards.
+    #[test]
+    fn holes_are_closed_by_the_bound_and_patches_stay() {
+        let mut ball = icosphere(10.0, 4);
+        // What reaches far out of the bound is carved away.
+        let far = ball.positions.len() as u32;
+        ball.positions
+            .extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
+        ball.triangles
+            .retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
+        ball.triangles.push([far, far + 1, far + 2]);
+        let patch = Patch::tidy(&ball, &vec![0.02; ball.positions.len()]).unwrap().patch;
+        let mut bound = icosphere(10.3, 4);
+        bound.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let count = patch.mesh.positions.len();
+        let merged = Zipped {
+            source: vec![(0, 0); count],
+            stitched: vec![false; count],
+            kept: patch.mesh.triangles.len(),
+            holes_closed: 0,
+            turned: 0,
+            valence: Vec::new(),
+            mesh: patch.mesh,
+            sigma: patch.sigma,
+        };
+        let done = completed(
+            &merged,
+            &Patch {
+                mesh: bound,
+                sigma: Vec::new(),
+            },
+            0,
+        )
+        .unwrap();
+        let check = done.whole.mesh.check();
+        assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");
+        assert!(done.vertices > 100);
+        for (p, (source, _)) in done.whole.mesh.positions.iter().zip(&done.whole.source) {
+            let radius = if *source == 0 { 10.0 } else { 10.3 };
+            assert!((norm(*p) - radius).abs() < 1e-9, "{p:?}");
+        }
+        let kept = done.whole.source.iter().filter(|(source, _)| *source == 0).count();
+        assert_eq!((kept, done.carved), (count - 3, 1));
+    }
+}

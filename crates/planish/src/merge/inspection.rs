@@ -1,0 +1,156 @@
+//! What is to be known of patches before they are merged.
+//!
+//! Comes in: patches as they were read. Goes out: those that are no copies, all facing alike, and words on what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers were rounded.
+
+use super::patches::NamedPatch;
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_mesh::{BoundingBox, MeshSearch, Patch, searches_of};
+use std::cmp::Reverse;
+
+/// So many vertices of a patch tell whether it is turned over.
+const LOOKED_AT: usize = 2000;
+
+/// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same readings know no more than one.
+///
+/// # Errors
+/// `Input` where fewer than two patches are left.
+pub(super) fn leave_out_copies(named: Vec<NamedPatch>, warnings: &mut Vec<String>) -> Result<Vec<NamedPatch>> {
+    let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
+    let mut copies = Vec::new();
+    for patch in named {
+        let mesh = &patch.tidied.patch.mesh;
+        let bounds = mesh.bounding_box();
+        let same = kept.iter().find(|(other, of_other)| {
+            let other = &other.tidied.patch.mesh;
+            bounds == *of_other
+                && mesh.positions.len() == other.positions.len()
+                && sorted(&mesh.positions) == sorted(&other.positions)
+        });
+        match same {
+            Some((other, _)) => copies.push(format!("{} has the same vertices as {}", patch.name, other.name)),
+            None => kept.push((patch, bounds)),
+        }
+    }
+    if kept.len() < 2 {
+        let why: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
+        return Err(Error::input(format!(
+            "merging takes two patches or more, found {}{why}",
+            kept.len()
+        )));
+    }
+    warnings.extend(
+        copies
+            .into_iter()
+            .map(|copy| format!("{copy}: it was left out, as both know what one knows")),
+    );
+    Ok(kept.into_iter().map(|(patch, _)| patch).collect())
+}
+
+/// Places in an order of their own.
+fn sorted(places: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let mut all = places.to_vec();
+    all.sort_unstable_by(|a, b| {
+        let by = |k: usize| a[k].total_cmp(&b[k]);
+        by(0).then(by(1)).then(by(2))
+    });
+    all
+}
+
+/// Patches that cross themselves, in words; `numbers` are those of their triangles in their files.
+pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Vec<u32>]) -> Vec<String> {
+    let found = searches.iter().map(MeshSearch::self_crossings);
+    (found.zip(names).zip(numbers).filter(|((found, _), _)| found.pairs > 0))
+        .map(|((found, name), numbers)| {
+            let [a, b] = found.first.map(|t| numbers.get(t as usize).copied().unwrap_or(t));
+            let [x, y, z] = found.place;
+            format!(
+                "{name} crosses itself: {} of its triangles, the first {a} and {b} (counted from 0) at ({x:.6}, {y:.6}, {z:.6})",
+                match found.pairs {
+                    1 => "one pair".to_owned(),
+                    pairs => format!("{pairs} pairs"),
+                }
+            )
+        })
+        .collect()
+}
+
+/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of several; those that are `off` may lie a percent of their size apart. Gives which were turned, and a search for each as it is then.
+pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
+    let mut searches = searches_of(patches)?;
+    let count = patches.len();
+    // Sums of the cosines between normals of near places.
+    let mut agree = vec![0.0; count * count];
+    for i in 0..count {
+        let mesh = &patches[i].mesh;
+        let normals = mesh.vertex_normals();
+        let step = (mesh.positions.len() / LOOKED_AT).max(1);
+        let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
+        let reach = match mesh.bounding_box() {
+            Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
+            _ => edges,
+        };
+        for v in (0..mesh.positions.len()).step_by(step) {
+            for j in (0..count).filter(|j| *j != i) {
+                if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)
+                    && !foot.on_boundary
+                {
+                    let cosine = dot(normals[v], foot.normal);
+                    agree[i * count + j] += cosine;
+                    agree[j * count + i] += cosine;
+                }
+            }
+        }
+    }
+    // The surest neighbour of what is settled comes next.
+    let mut turned: Vec<Option<bool>> = vec![None; count];
+    while let Some(first) = (0..count)
+        .filter(|k| turned[*k].is_none())
+        .max_by_key(|k| (patches[*k].mesh.triangles.len(), Reverse(*k)))
+    {
+        turned[first] = Some(false);
+        loop {
+            let mut best: Option<(f64, usize, bool)> = None;
+            for k in (0..count).filter(|k| turned[*k].is_none()) {
+                let sum: f64 = (0..count)
+                    .filter_map(|j| Some(agree[k * count + j] * if turned[j]? { -1.0 } else { 1.0 }))
+                    .sum();
+                if sum != 0.0 && best.is_none_or(|(most, ..)| sum.abs() > most) {
+                    best = Some((sum.abs(), k, sum < 0.0));
+                }
+            }
+            let Some((_, k, over)) = best else { break };
+            turned[k] = Some(over);
+        }
+    }
+    let turned: Vec<bool> = turned.into_iter().map(|t| t == Some(true)).collect();
+    for (k, patch) in patches.iter_mut().enumerate().filter(|(k, _)| turned[*k]) {
+        for t in &mut patch.mesh.triangles {
+            t.swap(1, 2);
+        }
+        searches[k] = MeshSearch::try_new(&patch.mesh)?;
+    }
+    Ok((turned, searches))
+}
+
+/// How near patches come that do not overlap, in words.
+pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: Unit) -> String {
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (j, search) in searches.iter().enumerate() {
+        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
+            let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
+            for p in here.mesh.positions.iter().step_by(step) {
+                if let Some(foot) = search.closest(*p)
+                    && best.is_none_or(|(d, ..)| foot.distance < d)
+                {
+                    best = Some((foot.distance, i, j));
+                }
+            }
+        }
+    }
+    match best {
+        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
+        None => "they have no places".to_owned(),
+    }
+}
