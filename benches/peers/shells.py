@@ -2,13 +2,16 @@
 
     pip install natinterp3d open3d numpy
     python3 benches/peers/shells.py
+    python3 benches/peers/shells.py FOLDER
 
+With a folder: the table of deformations (`cargo run --example deformations`, which writes its ball, points and truth there), and Open3D's as-rigid-as-possible deformation at the same task.
 The same tasks as `cargo bench -p planish-shell --bench shell`, which it runs first: 50 000 places under 200 controls, and 200 000 places near a ball of 20 480 facets. Peers that are not there are left out.
 Open3D gives a distance without a sign and no gradient; natinterp3d has no corners to stand in for a hull, so that places outside of the hull of its controls are counted apart.
 """
 
 import os
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -79,7 +82,61 @@ def distances():
     clocked("Open3D: the same with a sign", lambda: scene.compute_signed_distance(query).numpy())
 
 
+def arap(folder, rounds=15, handles=60):
+    """The ball of `--example deformations` moved by Open3D's as-rigid-as-possible deformation: handles go to the median of what points lie nearest to them, round after round."""
+    try:
+        import open3d
+    except ImportError:
+        print("open3d is not there")
+        return
+
+    def tree_of(places):
+        return open3d.geometry.KDTreeFlann(np.ascontiguousarray(places.T))
+
+    mesh = open3d.io.read_triangle_mesh(str(folder / "ball.obj"))
+    points, truth = np.loadtxt(folder / "points.csv", delimiter=",", skiprows=1), np.loadtxt(folder / "truth.csv", delimiter=",", skiprows=1)
+    sigma, gate = points[0, 3], 0.1 * np.linalg.norm(np.ptp(points[:, :3], axis=0))
+    at = np.asarray(mesh.vertices)
+    chosen = [0]
+    far = np.linalg.norm(at - at[0], axis=1)
+    while len(chosen) < handles:
+        chosen.append(int(far.argmax()))
+        far = np.minimum(far, np.linalg.norm(at - at[chosen[-1]], axis=1))
+    tree = tree_of(points[:, :3])
+
+    def fit():
+        moved = mesh
+        for _ in range(rounds):
+            here = np.asarray(moved.vertices)
+            moved.compute_vertex_normals()
+            normals = np.asarray(moved.vertex_normals)[chosen]
+            # Along the normal only: where along the surface a handle is nothing tells. Medians leave out gross errors.
+            steps = []
+            for handle, n in zip(here[chosen], normals):
+                _, which, squares = tree.search_knn_vector_3d(handle, 30)
+                which = np.asarray(which)[np.asarray(squares) < gate**2]
+                steps.append(np.median((points[which, :3] - handle) @ n) * n if len(which) else np.zeros(3))
+            wanted = open3d.utility.Vector3dVector(here[chosen] + np.array(steps))
+            moved = mesh.deform_as_rigid_as_possible(open3d.utility.IntVector(chosen), wanted, max_iter=30)
+        return np.asarray(moved.vertices)
+
+    found = clocked(f"Open3D: as rigid as possible, {handles} handles, {rounds} rounds", fit)
+    # Distances from the true surface by its dense samples and their normals.
+    near_truth = tree_of(truth[:, :3])
+    near = [near_truth.search_knn_vector_3d(p, 1)[1][0] for p in found]
+    off = ((found - truth[near, :3]) * truth[near, 3:6]).sum(axis=1)
+    print(f"  rms distance of {len(found)} vertices from the true surface: {np.sqrt((off**2).mean()) / sigma:.2f} σ")
+
+
 if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        # All vertices on their own take longer than a quarter of an hour.
+        for name in ("Dirichlet", "modes", "lattice"):
+            command = ["cargo", "run", "-q", "--release", "-p", "planish-shell", "--example", "deformations", "--", folder.resolve(), name]
+            subprocess.run(command, cwd=Path(__file__).resolve().parents[2], check=True)
+        arap(folder)
+        sys.exit()
     root = Path(__file__).resolve().parents[2]
     print(f"{THREADS} processors, load {os.getloadavg()[0]:.1f}")
     subprocess.run(["cargo", "bench", "-q", "-p", "planish-shell", "--bench", "shell"], cwd=root, check=True)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 SIGMA = 0.15
-POINTS = 12000
+POINTS = 4000
 SIZE = (480, 480)
 FOCAL = 900.0
 FAR = 110.0
@@ -186,7 +186,7 @@ def simulate(planish, person, folder):
 def fits(planish, person, folder):
     for name, more in (("points", []), ("both", ["--silhouettes", folder / "views.toml"])):
         arguments = [planish, "shell", "fit", person, "--points", folder / "stereo.csv", "--rigid", "head", "--blend", "6.8"]
-        arguments += ["--controls", "40", "-o", folder / f"{name}.ply", "-o", folder / f"{name}.obj", "--json", *more]
+        arguments += ["--controls", "40", "--outline-step", "8", "-o", folder / f"{name}.ply", "-o", folder / f"{name}.obj", "--json", *more]
         said = subprocess.run(arguments, check=True, capture_output=True, text=True)
         (folder / f"{name}.json").write_text(said.stdout)
         print(name, "took %.1f s" % json.loads(said.stdout)["seconds"])

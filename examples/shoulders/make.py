@@ -59,7 +59,7 @@ def body(bottom, size, columns=96, rows=60):
         for c in range(columns):
             d = (c + 1) % columns
             a, b = r * columns + c, r * columns + d
-            faces.append([b, a, a + columns, b + columns])
+            faces.append([a, b, b + columns, a + columns])
     return np.concatenate(points), np.array(uv), faces
 
 

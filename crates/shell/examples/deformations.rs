@@ -1,7 +1,7 @@
 //! One target, one fit, every deformation: `cargo run --release -p planish-shell --example deformations`.
 //!
 //! A ball of 2562 vertices is bent by a smooth motion that none of the deformations can make exactly; 20 000 points of it, with σ of a thousandth of its size and a tenth of them anywhere, are what each is fitted to. A row each: parameters, rms distance of the fitted vertices from the
-//! true surface, and seconds.
+//! true surface, and seconds. With a folder (`-- FOLDER`) the ball, the points and dense places of the truth with their normals are written there, for peers; `-- FOLDER NAME` makes only the rows whose name begins so.
 #![allow(clippy::print_stdout, reason = "an example prints its table")]
 #![allow(clippy::unwrap_used, reason = "an example stops at the first surprise")]
 
@@ -14,6 +14,8 @@ use planish_shell::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::fmt::Write as _;
+use std::path::Path;
 use std::time::Instant;
 
 /// Neighbours that points without a triangulation are joined to.
@@ -31,7 +33,32 @@ fn bent(p: [f64; 3], [bend, twist, bulge]: [f64; 3]) -> [f64; 3] {
     ]
 }
 
+/// What a peer needs for the same task.
+fn written(folder: &Path, ball: &TriangleMesh, points: &[PointReading], truth: &TriangleMesh) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let mut text = String::new();
+    for [x, y, z] in &ball.positions {
+        writeln!(text, "v {x} {y} {z}").unwrap();
+    }
+    for t in &ball.triangles {
+        writeln!(text, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap();
+    }
+    std::fs::write(folder.join("ball.obj"), text)?;
+    let mut text = String::from("x,y,z,sigma\n");
+    for point in points {
+        let [x, y, z] = point.at;
+        writeln!(text, "{x},{y},{z},{}", point.covariance[0].sqrt()).unwrap();
+    }
+    std::fs::write(folder.join("points.csv"), text)?;
+    let mut text = String::from("x,y,z,nx,ny,nz\n");
+    for ([x, y, z], [nx, ny, nz]) in truth.positions.iter().zip(truth.vertex_normals()) {
+        writeln!(text, "{x},{y},{z},{nx},{ny},{nz}").unwrap();
+    }
+    std::fs::write(folder.join("truth.csv"), text)
+}
+
 fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     // Vertices that may each move are many unknowns: the coarse ball is for them.
     let (ball, coarse) = (icosphere(1.0, 4), icosphere(1.0, 3));
@@ -90,7 +117,11 @@ fn main() {
         ("vertices, 642", &coarse, &vertices, by_vertices),
         ("modes, of 30 meshes", &mean, &modes, by_modes),
     ];
-    for (name, mesh, deformation, stiffness) in rows {
+    if let Some(folder) = arguments.first() {
+        written(Path::new(folder), &ball, &points, &truth).unwrap();
+    }
+    let only = arguments.get(1).map_or("", String::as_str);
+    for (name, mesh, deformation, stiffness) in rows.into_iter().filter(|row| row.0.starts_with(only)) {
         let options = ShellFitOptions {
             stiffness: Some(stiffness),
             ..ShellFitOptions::default()

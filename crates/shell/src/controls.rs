@@ -54,10 +54,12 @@ impl Roads {
         }
         // Vertices at one place are joined: meshes from the web often have seams.
         let mut at: BTreeMap<[u64; 3], u32> = BTreeMap::new();
-        for (v, p) in mesh.positions.iter().enumerate() {
-            let first = *at.entry(p.map(f64::to_bits)).or_insert(v as u32);
-            if first != v as u32 {
-                pairs.insert([first, v as u32]);
+        let of_triangles: BTreeSet<u32> = mesh.triangles.iter().flatten().copied().collect();
+        for v in of_triangles {
+            let p = mesh.positions[v as usize];
+            let first = *at.entry(p.map(f64::to_bits)).or_insert(v);
+            if first != v {
+                pairs.insert([first, v]);
             }
         }
         let bridges = bridges(&mesh.positions, &pairs);
@@ -337,6 +339,11 @@ mod tests {
         };
         let made = automatic_controls(&soup, 50).unwrap();
         assert_eq!(made.points.len(), 4);
+        // Seams of what no triangle uses any more (a part that stays rigid) are no part of the mesh.
+        let mut rest = soup.clone();
+        (rest.positions).extend([[5.0; 3], [5.0; 3], [6.0; 3], [6.0; 3]]);
+        let of_rest = automatic_controls(&rest, 50).unwrap();
+        assert_eq!(of_rest, made);
         assert!(automatic_controls(&TriangleMesh::default(), 3).is_err());
         assert!(automatic_controls(&soup, 0).is_err());
     }

@@ -12,9 +12,10 @@
 //!
 //! Pixels inside and outside of masks count in the sum while they are wrong, and not in the covariance: an inequality that holds tells nothing.
 //!
-//! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. Outlines need a mesh whose facets are all turned outwards.
+//! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards first ([`outward`]).
 
 mod equations;
+mod outward;
 mod problem;
 mod readings;
 mod sequence;

@@ -2,8 +2,8 @@
 //!
 //! Comes in: a line, the shell, and the same mesh prepared for closest points. Goes out: places, with `D` and `∇D` there.
 //!
-//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then positive where it misses, its depth below the surface where it hits, and zero where it touches: an outline. The signed
-//! distance from the mesh changes by no more than `t` does, so intervals that cannot hold the minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then found from the sign of its slope.
+//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then positive where it misses, its depth below the surface where it hits, and zero where it touches: an outline. It is looked for
+//! between the first hit and the last, or all along a line that hits nothing, by the distance from the mesh, which changes by no more than `t` does, so intervals that cannot hold the minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then found from the sign of its slope.
 //!
 //! A line that touches one part and hits another behind it has several minima; [`Sight::minima`] gives them all, and the data say which one is meant.
 //!
@@ -25,6 +25,8 @@ const MOST_LOOKS: usize = 120;
 const SLOPE: f64 = 1e-3;
 /// Doublings of an interval that does not hold the minimum.
 const WIDER: u32 = 5;
+/// The share of the golden section.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Steps towards a minimum, at most.
 const MOST_STEPS: usize = 24;
 
@@ -82,20 +84,26 @@ impl<'a> Sight<'a> {
         ((middle - half).max(0.0), (middle + half).max(self.width))
     }
 
-    fn signed(&self, at: [f64; 3]) -> f64 {
-        (self.search.closest(at)).map_or(f64::INFINITY, |foot| {
-            if foot.on_boundary {
-                foot.distance
-            } else {
-                foot.signed_distance
-            }
-        })
+    fn height(&self, at: [f64; 3], signs: bool) -> f64 {
+        (self.search.closest(at)).map_or(f64::INFINITY, |foot| height_of(&foot, signs))
+    }
+
+    /// The part of a line that holds its minimum, and whether it runs within the thing there. A line that hits nothing is nowhere within: signs count only between the first hit and the last, as an open mesh has no inside far away.
+    fn within(&self, origin: [f64; 3], direction: [f64; 3]) -> ((f64, f64), bool) {
+        let Some(first) = self.search.first_hit(origin, direction) else {
+            return (self.span(origin, direction), false);
+        };
+        let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
+        let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction));
+        let last = back.map_or(first.distance, |hit| beyond - hit.distance);
+        let from = (first.distance - self.width).max(0.0);
+        ((from, last.max(first.distance) + self.width), true)
     }
 
     /// The least `D` on a line; `None` where nothing is finite.
     pub(super) fn least(&self, origin: [f64; 3], direction: [f64; 3], shares: &mut Vec<Share>) -> Option<Touch> {
-        let (from, to) = self.span(origin, direction);
-        let along = |t: f64| self.signed(add_scaled(origin, t, direction));
+        let ((from, to), signs) = self.within(origin, direction);
+        let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
         // Interval, its ends' distances, and what is the least that it can hold.
         let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
         let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
@@ -134,7 +142,7 @@ impl<'a> Sight<'a> {
             open.push([bound(middle, b, here, at_b), middle, b, here, at_b]);
         }
         best.0.is_finite().then_some(())?;
-        self.refined(origin, direction, best.1, self.width, shares)
+        self.refined(origin, direction, (best.1, self.width), signs, shares)
     }
 
     /// All minima of `D` on a line.
@@ -142,7 +150,7 @@ impl<'a> Sight<'a> {
         let (from, to) = self.span(origin, direction);
         let step = (to - from) / FINE_PIECES as f64;
         let heights: Vec<f64> = (0..=FINE_PIECES)
-            .map(|k| self.signed(add_scaled(origin, from + step * k as f64, direction)))
+            .map(|k| self.height(add_scaled(origin, from + step * k as f64, direction), true))
             .collect();
         (0..=FINE_PIECES)
             .filter(|&k| {
@@ -150,7 +158,7 @@ impl<'a> Sight<'a> {
                 let after = heights.get(k + 1).copied().unwrap_or(f64::INFINITY);
                 heights[k].is_finite() && heights[k] < before && heights[k] <= after
             })
-            .filter_map(|k| self.refined(origin, direction, from + step * k as f64, step, shares))
+            .filter_map(|k| self.refined(origin, direction, (from + step * k as f64, step), true, shares))
             .collect()
     }
 
@@ -159,8 +167,8 @@ impl<'a> Sight<'a> {
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
-        near: f64,
-        reach: f64,
+        (near, reach): (f64, f64),
+        signs: bool,
         shares: &mut Vec<Share>,
     ) -> Option<Touch> {
         let mut look = |t: f64| {
@@ -221,24 +229,13 @@ impl<'a> Sight<'a> {
         let at = add_scaled(origin, best.0, direction);
         let found = best.2;
         let foot = self.search.closest(at)?;
-        let sharp = if foot.on_boundary {
-            foot.distance
-        } else {
-            foot.signed_distance
-        };
-        let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs();
+        let sharp = height_of(&foot, signs);
+        // Far from an open mesh heights over planes fall without end: they may have led away from the thing.
+        let nearest = self.height(add_scaled(origin, near, direction), signs);
+        let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
+            || sharp > nearest + 2.0 * self.softness;
         if foot.on_boundary || odd {
-            let gradient = if foot.distance > 0.0 {
-                scale(1.0 / sharp, sub(at, foot.point))
-            } else {
-                foot.normal
-            };
-            return Some(Touch {
-                at,
-                distance: sharp,
-                gradient,
-                made_of: MadeOf::Foot(foot),
-            });
+            return self.sharp_minimum(origin, direction, (near, reach), signs);
         }
         let sides = [(low, share), (high, 1.0 - share)];
         Some(Touch {
@@ -247,5 +244,59 @@ impl<'a> Sight<'a> {
             gradient: (sides.iter()).fold([0.0; 3], |sum, (side, share)| add_scaled(sum, *share, side.2.gradient)),
             made_of: MadeOf::Shell(sides.map(|(side, share)| (add_scaled(origin, side.0, direction), side.2, share))),
         })
+    }
+
+    /// The minimum of the mesh's signed distance within `reach` of a place on a line, by the golden section.
+    fn sharp_minimum(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        (near, reach): (f64, f64),
+        signs: bool,
+    ) -> Option<Touch> {
+        let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
+        let (mut low, mut high) = ((near - reach).max(0.0), near + reach);
+        let mut best = (along(near), near);
+        let inner = |low: f64, high: f64| [GOLDEN, 1.0 - GOLDEN].map(|share| high - share * (high - low));
+        let mut at = inner(low, high);
+        let mut distances = at.map(along);
+        while high - low > 1e-2 * self.softness {
+            for (d, t) in distances.into_iter().zip(at) {
+                if d < best.0 {
+                    best = (d, t);
+                }
+            }
+            if distances[0] < distances[1] {
+                high = at[1];
+                at = inner(low, high);
+                distances = [along(at[0]), distances[0]];
+            } else {
+                low = at[0];
+                at = inner(low, high);
+                distances = [distances[1], along(at[1])];
+            }
+        }
+        let at = add_scaled(origin, best.1, direction);
+        let foot = self.search.closest(at)?;
+        let distance = height_of(&foot, signs);
+        Some(Touch {
+            at,
+            distance,
+            gradient: if foot.distance > 0.0 {
+                scale(1.0 / distance, sub(at, foot.point))
+            } else {
+                foot.normal
+            },
+            made_of: MadeOf::Foot(foot),
+        })
+    }
+}
+
+/// The distance from the mesh, with its sign where signs count: beyond a border a mesh has no sides.
+fn height_of(foot: &ClosestPoint, signs: bool) -> f64 {
+    if signs && !foot.on_boundary {
+        foot.signed_distance
+    } else {
+        foot.distance
     }
 }

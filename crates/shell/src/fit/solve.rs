@@ -3,6 +3,7 @@
 //! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
+use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
 use super::readings::{PoseNoise, ShellReadings};
 use super::smoothness::Smoothness;
@@ -143,6 +144,14 @@ pub(super) fn solve(
     let parameters = deformation.parameters();
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
     let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
+    let turned = match with_outlines {
+        true => Some(TriangleMesh {
+            positions: mesh.positions.clone(),
+            triangles: outward(mesh)?,
+        }),
+        false => None,
+    };
+    let mesh = turned.as_ref().unwrap_or(mesh);
     let oriented = is_oriented(mesh, with_outlines)?;
     let middle = BoundingBox::of(&mesh.positions).map_or([0.0; 3], |b| b.center());
     for (v, view) in readings.views.iter().enumerate() {

@@ -1,0 +1,128 @@
+//! Parts of a mesh turned so that their outer sides are their front sides, as lines of sight need it.
+//!
+//! Comes in: a mesh of any kind. Goes out: the same triangles, some of them turned over. A part is what hangs together over edges whose two facets agree. Parallel rays from all around say which side of a part is seen from outside, by majority of first hits.
+//! After K. Takayama, A. Jacobson, L. Kavan, O. Sorkine-Hornung, *A simple method for correcting facet orientations in polygon meshes based on ray casting*, 2014.
+//!
+//! Not guaranteed: parts that no ray meets, and sheets that are seen from both sides alike; they stay as they are.
+
+use planish_estimate::Result;
+use planish_estimate::vector3::{add_scaled, dot, tangents};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Directions that rays come from, and rays along either side of their grid.
+const DIRECTIONS: usize = 32;
+const RAYS: usize = 48;
+
+/// Which part each triangle belongs to.
+fn parts(mesh: &TriangleMesh) -> Vec<u32> {
+    let welded = mesh.welded();
+    let mut at_edge: HashMap<[u32; 2], Vec<(u32, bool)>> = HashMap::new();
+    for (i, t) in welded.triangles.iter().enumerate() {
+        for k in 0..3 {
+            let [a, b] = [t[k], t[(k + 1) % 3]];
+            (at_edge.entry([a.min(b), a.max(b)]).or_default()).push((i as u32, a < b));
+        }
+    }
+    let mut part: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+    fn root(part: &mut [u32], mut i: u32) -> u32 {
+        while part[i as usize] != i {
+            part[i as usize] = part[part[i as usize] as usize];
+            i = part[i as usize];
+        }
+        i
+    }
+    for facets in at_edge.values() {
+        if let [(a, along), (b, other)] = facets[..]
+            && along != other
+        {
+            let (a, b) = (root(&mut part, a), root(&mut part, b));
+            part[a.max(b) as usize] = a.min(b);
+        }
+    }
+    (0..mesh.triangles.len() as u32).map(|i| root(&mut part, i)).collect()
+}
+
+/// The triangles of a mesh, those of parts that are seen from behind turned over.
+///
+/// # Errors
+/// As [`MeshSearch::try_new`].
+pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
+    let Some(bounds) = BoundingBox::of(&mesh.positions) else {
+        return Ok(mesh.triangles.clone());
+    };
+    let part = parts(mesh);
+    let search = MeshSearch::try_new(mesh)?;
+    let (center, radius) = (bounds.center(), 0.5 * bounds.diagonal());
+    let seen: Vec<Vec<(u32, bool)>> = (0..DIRECTIONS)
+        .into_par_iter()
+        .map(|k| {
+            // A spiral over the ball: directions all around, and as many from above as from below.
+            let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
+            let (sin, cos) = (2.4 * k as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let way = [r * cos, r * sin, z];
+            let (across, up) = tangents(way);
+            let from = add_scaled(center, -2.0 * radius, way);
+            let share = |i: usize| (2 * i + 1) as f64 / RAYS as f64 - 1.0;
+            (0..RAYS * RAYS)
+                .filter_map(|i| {
+                    let at = add_scaled(from, radius * share(i / RAYS), across);
+                    let hit = search.first_hit(add_scaled(at, radius * share(i % RAYS), up), way)?;
+                    Some((part[hit.triangle as usize], dot(hit.normal, way) > 0.0))
+                })
+                .collect()
+        })
+        .collect();
+    let mut votes: HashMap<u32, i64> = HashMap::new();
+    for (part, behind) in seen.into_iter().flatten() {
+        *votes.entry(part).or_default() += if behind { 1 } else { -1 };
+    }
+    Ok((mesh.triangles.iter().zip(part))
+        .map(|([a, b, c], part)| {
+            if votes.get(&part).is_some_and(|votes| *votes > 0) {
+                [*a, *c, *b]
+            } else {
+                [*a, *b, *c]
+            }
+        })
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::icosphere;
+
+    /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all are turned, a ball within is left alone.
+    #[test]
+    fn what_is_seen_from_behind_is_turned() {
+        let mut right = icosphere(1.0, 3);
+        let positions = right.positions.clone();
+        right
+            .triangles
+            .retain(|t| t.iter().any(|v| positions[*v as usize][2] > -0.8));
+        let own = right.triangles.len();
+        for (radius, at) in [(0.5, 3.0), (0.2, 0.0)] {
+            let first = right.positions.len() as u32;
+            let other = icosphere(radius, 2);
+            (right.positions).extend(other.positions.iter().map(|p| [p[0] + at, p[1], p[2] + 0.3]));
+            (right.triangles).extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        }
+        let mut wrong = right.clone();
+        let hidden = right.triangles.len() - icosphere(0.2, 2).triangles.len();
+        for (i, t) in wrong.triangles.iter_mut().enumerate() {
+            let patch = i < own && t.iter().all(|v| positions[*v as usize][0] > 0.8);
+            if i < hidden && !patch {
+                t.swap(1, 2);
+            }
+        }
+        let same = |a: &[u32; 3], b: &[u32; 3]| (0..3).any(|k| [a[k], a[(k + 1) % 3], a[(k + 2) % 3]] == *b);
+        assert!(!(wrong.triangles.iter().zip(&right.triangles)).all(|(a, b)| same(a, b)));
+        for mesh in [&wrong, &right] {
+            let made = outward(mesh).unwrap();
+            assert!((made.iter().zip(&right.triangles)).all(|(a, b)| same(a, b)));
+        }
+    }
+}
