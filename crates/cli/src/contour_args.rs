@@ -38,13 +38,13 @@ pub struct ContourArgs {
     /// polygon-N with N corners; in space plane3, sphere, cylinder, box; may be repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
-    /// How: all readings at once, and circles, ellipses and slots then by the last of these filters, which has less bias (auto); only all at once (batch); or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
+    /// How: all readings at once, then the most likely contour where it is not known from which place on it each is (auto); only all at once (batch); or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
     #[arg(long, value_enum, default_value_t = ContourFilter::Auto)]
     pub filter: ContourFilter,
     /// Readings farther than this many σ from the contour are left out; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub gate: f64,
-    /// Readings nearer to a corner of a rectangle or polygon than this many σ do not count: which side they are of is not sure; 0 keeps all
+    /// With batch and the filters, readings nearer to a corner of a rectangle or polygon than this many σ do not count: which side they are of is not sure; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub corner_margin: f64,
     /// Readings farther apart than this belong to different parts [default: from their number and extent]

@@ -10,6 +10,7 @@ pub mod numbers;
 mod page;
 pub mod plot;
 mod scene;
+mod thin;
 
 pub use page::{Block, Figure, Finding, Level, Page, Section, Table};
 pub use scene::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};

@@ -4,6 +4,7 @@
 //! steps of the scene's box over 65535, which no screen tells apart. Values are 32-bit floats, as in files of meshes, or small integers.
 
 use crate::colour::{Map, Scale, hex};
+use crate::thin::{MOST_TRIANGLES, thinned};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
@@ -174,6 +175,8 @@ impl Scene {
         };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
+                let fewer = thinned(surface, MOST_TRIANGLES);
+                let surface = fewer.as_ref().unwrap_or(surface);
                 let places = surface.positions.iter().flat_map(about).map(|x| x as f32);
                 let mut made = json!({
                     "name": surface.name,

@@ -93,6 +93,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
             unknowns(simplest)
         )));
     }
+    refuse_one_place(sightings)?;
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, sightings, options)?;
         return Ok(Choice {
@@ -149,7 +150,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
             (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
         });
     let Some(simplest) = simplest else {
-        return Err(last.unwrap_or_else(|| Error::undetermined("no kind of contour was tried")));
+        return Err(none_fits(last));
     };
     let chosen = found.swap_remove(simplest);
     let mut alternatives: Vec<Alternative> = found
@@ -169,4 +170,37 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         fit: polish(chosen, sightings, options)?,
         alternatives,
     })
+}
+
+/// Many kinds were tried: the one that failed last is nobody's concern.
+fn none_fits(last: Option<Error>) -> Error {
+    let text = "no kind of contour fits the readings: they may see too little of one, or be of something else";
+    match last {
+        Some(last) => Error::undetermined(text).with_source(last),
+        None => Error::undetermined(text),
+    }
+}
+
+/// Readings that lie no farther apart than their noise are of a spot.
+fn refuse_one_place(sightings: &[Sighting]) -> Result<()> {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut variance = 0.0;
+    for sighting in sightings {
+        let p = sighting.point();
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+        let [xx, _, yy] = sighting.covariance();
+        variance += 0.5 * (xx + yy);
+    }
+    let sigma = (variance / sightings.len().max(1) as f64).sqrt();
+    let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
+    if sightings.len() > 1 && extent <= sigma {
+        return Err(Error::undetermined(format!(
+            "all {} readings lie within {extent:.3} of one place, less than their σ of {sigma:.3}: they show no outline",
+            sightings.len()
+        )));
+    }
+    Ok(())
 }

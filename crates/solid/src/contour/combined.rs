@@ -8,7 +8,7 @@ use super::fit::{ContourFit, FitOptions, Judged, equations, outlier_gate};
 use super::kind::Kind;
 use super::marginal::most_likely;
 use super::plausible::corners_are_real;
-use super::sighting::{Setting, Sighting};
+use super::sighting::{Form, Setting, Sighting};
 use planish_estimate::Result;
 use planish_estimate::implicit::{ImplicitOptions, fit_implicit};
 
@@ -18,7 +18,7 @@ const READINGS_AN_UNKNOWN: usize = 4;
 const FARTHEST: f64 = 5.0;
 
 /// What the batch found, or the most likely contour beside it. Straight lines, of which the batch is the maximum, open chains, whose ends are equations of their
-/// own, and readings that share the error of their pose stay as they are.
+/// own, readings that share the error of their pose, and the product form stay as they are.
 ///
 /// # Errors
 /// As [`fit_implicit`].
@@ -30,6 +30,7 @@ pub(super) fn combined(
 ) -> Result<ContourFit> {
     let is_endless = matches!(setting.kind, Kind::Line | Kind::Chain { closed: false, .. });
     if is_endless
+        || setting.form != Form::ActiveFacet
         || setting.shared_poses
         || !options.correct_bias
         || sightings.len() < READINGS_AN_UNKNOWN * setting.unknowns()

@@ -437,6 +437,37 @@ mod tests {
         }
     }
 
+    #[test]
+    fn lengths_and_nearest_points_are_those_of_many_small_steps() {
+        let ellipse = Stroke::Round {
+            center: [0.3, -0.2],
+            semi: [1.0, 0.4],
+            turn: [0.8, 0.6],
+            from: 0.4,
+            sweep: 4.0,
+        };
+        for stroke in [
+            ellipse,
+            Stroke::Straight([[0.0, 1.0], [2.0, -1.0]]),
+            Stroke::between([1.0, 0.0], [0.0, 1.0], -0.7),
+        ] {
+            let count = 20_000;
+            let at = |k: usize| stroke.at(0.25 + 0.5 * k as f64 / count as f64);
+            let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+            let summed: f64 = (0..count).map(|k| far(at(k), at(k + 1))).sum();
+            let (length, part) = (stroke.length(0.25, 0.75), stroke.part(0.25, 0.75).length(0.0, 1.0));
+            assert!((length - summed).abs() < 1e-6 * summed, "{length} {summed}");
+            assert!((part - summed).abs() < 1e-6 * summed, "{part} {summed}");
+            for p in [[0.5, 0.5], [-0.7, 0.1], [1.5, -1.2], [0.31, -0.21]] {
+                let least = (0..=count)
+                    .map(|k| far(stroke.at(k as f64 / count as f64), p))
+                    .fold(f64::INFINITY, f64::min);
+                let found = far(stroke.nearest(p), p);
+                assert!(found < least + 1e-4, "{p:?}: {found} {least}");
+            }
+        }
+    }
+
     /// By summing the density over the piece in steps that are short beside σ.
     fn summed(stroke: &Stroke, spot: &Spot) -> f64 {
         let [xx, xy, yy] = spot.covariance;

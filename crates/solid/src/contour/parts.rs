@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
 ///
-/// Largest group first. Points in a grid of cells of that size: cost about `n`.
+/// Largest group first. Points in a grid of cells of that size, which lose what has been grouped: cost about `n`.
 #[must_use]
 pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
@@ -15,14 +15,12 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
     for (i, &p) in points.iter().enumerate() {
         cells.entry(cell(p)).or_default().push(i);
     }
-    let mut group = vec![usize::MAX; points.len()];
     let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut is_taken = vec![false; points.len()];
     for seed in 0..points.len() {
-        if group[seed] != usize::MAX {
+        if std::mem::replace(&mut is_taken[seed], true) {
             continue;
         }
-        let number = groups.len();
-        group[seed] = number;
         let mut members = vec![seed];
         let mut next = 0;
         while next < members.len() {
@@ -31,13 +29,15 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
             let [cx, cy] = cell(p);
             for place in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
             {
-                for &j in cells.get(&place).map_or(&[][..], Vec::as_slice) {
-                    let near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
-                    if near && group[j] == usize::MAX {
-                        group[j] = number;
+                // Cells keep those that belong to no group: dense readings are looked at a few times each.
+                let Some(free) = cells.get_mut(&place) else { continue };
+                free.retain(|&j| {
+                    let is_near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
+                    if is_near && !std::mem::replace(&mut is_taken[j], true) {
                         members.push(j);
                     }
-                }
+                    !is_taken[j]
+                });
             }
         }
         members.sort_unstable();

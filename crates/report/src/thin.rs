@@ -1,0 +1,205 @@
+//! Surfaces of more triangles than a view turns fluently, with fewer.
+//!
+//! Comes in: a surface. Goes out: one of some of its own vertices, with their values. Not guaranteed: that it is manifold; it is for looking at.
+
+use crate::numbers::count;
+use crate::scene::{Field, SeenBy, SurfaceShown, Values};
+use std::collections::{HashMap, HashSet};
+
+/// Triangles of a surface that a browser without a graphics card opens and turns without waiting.
+pub(crate) const MOST_TRIANGLES: usize = 150_000;
+/// Cells of a surface of one cell² each that it meets; a slanting one meets more.
+const CELLS_MET: f64 = 1.5;
+/// Cells grow by this until the triangles are few enough.
+const GROWTH: f64 = 1.15;
+
+/// The surface with at most so many triangles; `None` where it has no more, or where its triangles are flat as those of solids are.
+///
+/// Vertices are clustered in cells of a grid (Rossignac and Borrel 1993), those that face other ways apart, so that both sides of a thin wall stay. The
+/// vertex that is nearest to the middle of its cluster stands for it: places and values that are read are those of the file.
+pub(crate) fn thinned(surface: &SurfaceShown, most: usize) -> Option<SurfaceShown> {
+    if surface.triangles.len() <= most || surface.flat {
+        return None;
+    }
+    let normals = normals(surface);
+    let area: f64 = 0.5
+        * (surface.triangles.iter())
+            .map(|t| length(&cross_of(surface, t)))
+            .sum::<f64>();
+    if !(area > 0.0 && area.is_finite()) {
+        return None;
+    }
+    let mut side = (2.0 * CELLS_MET * area / most as f64).sqrt().max(f64::MIN_POSITIVE);
+    // Each round leaves fewer, down to none: it ends.
+    loop {
+        let (kept, triangles) = clustered(surface, &normals, side);
+        if triangles.len() <= most {
+            return Some(of_kept(surface, &kept, triangles));
+        }
+        side *= GROWTH;
+    }
+}
+
+fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> [f64; 3] {
+    let [a, b, c] = triangle.map(|k| surface.positions[k as usize]);
+    let (u, v): ([f64; 3], [f64; 3]) = (
+        std::array::from_fn(|d| b[d] - a[d]),
+        std::array::from_fn(|d| c[d] - a[d]),
+    );
+    std::array::from_fn(|d| u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3])
+}
+
+fn length(v: &[f64; 3]) -> f64 {
+    v[0].hypot(v[1]).hypot(v[2])
+}
+
+/// Normals of vertices, weighted by area.
+fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
+    let mut normals = vec![[0.0; 3]; surface.positions.len()];
+    for triangle in &surface.triangles {
+        let cross = cross_of(surface, triangle);
+        for k in triangle {
+            (0..3).for_each(|d| normals[*k as usize][d] += cross[d]);
+        }
+    }
+    normals
+}
+
+/// Which of the six axes a normal is nearest to.
+fn facing(normal: &[f64; 3]) -> u8 {
+    let axis = (0..3).fold(0, |most, d| if normal[d].abs() > normal[most].abs() { d } else { most });
+    2 * axis as u8 + u8::from(normal[axis] < 0.0)
+}
+
+/// The vertices that stand for clusters, and the triangles of three of them, by their places in that list.
+fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u32>, Vec<[u32; 3]>) {
+    let mut numbers: HashMap<([i64; 3], u8), u32> = HashMap::new();
+    let of_vertex: Vec<u32> = (surface.positions.iter().zip(normals))
+        .map(|(p, normal)| {
+            let next = numbers.len() as u32;
+            let key = (p.map(|x| (x / side).floor() as i64), facing(normal));
+            *numbers.entry(key).or_insert(next)
+        })
+        .collect();
+    let mut middles = vec![[0.0; 4]; numbers.len()];
+    for (cluster, p) in of_vertex.iter().zip(&surface.positions) {
+        let middle = &mut middles[*cluster as usize];
+        (0..3).for_each(|d| middle[d] += p[d]);
+        middle[3] += 1.0;
+    }
+    let mut nearest = vec![(f64::INFINITY, 0_u32); numbers.len()];
+    for (k, (cluster, p)) in of_vertex.iter().zip(&surface.positions).enumerate() {
+        let middle = &middles[*cluster as usize];
+        let away = length(&std::array::from_fn(|d| p[d] - middle[d] / middle[3]));
+        if away < nearest[*cluster as usize].0 {
+            nearest[*cluster as usize] = (away, k as u32);
+        }
+    }
+    let mut seen = HashSet::new();
+    let triangles = (surface.triangles.iter())
+        .map(|t| t.map(|k| of_vertex[k as usize]))
+        .filter(|[a, b, c]| a != b && b != c && c != a)
+        .filter(|t| {
+            // The same triangle once, wherever it begins.
+            let first = (0..3).min_by_key(|k| t[*k]).unwrap_or(0);
+            seen.insert([t[first], t[(first + 1) % 3], t[(first + 2) % 3]])
+        })
+        .collect();
+    (nearest.into_iter().map(|(_, k)| k).collect(), triangles)
+}
+
+fn of_kept(surface: &SurfaceShown, kept: &[u32], triangles: Vec<[u32; 3]>) -> SurfaceShown {
+    let at = |k: &u32| *k as usize;
+    let field = |field: &Field| Field {
+        values: match &field.values {
+            Values::Numbers(numbers) => Values::Numbers(kept.iter().map(|k| numbers[at(k)]).collect()),
+            Values::Kinds(kinds) => Values::Kinds(kept.iter().map(|k| kinds[at(k)]).collect()),
+        },
+        ..field.clone()
+    };
+    SurfaceShown {
+        name: format!(
+            "{} ({} of its {} triangles)",
+            surface.name,
+            count(triangles.len()),
+            count(surface.triangles.len())
+        ),
+        positions: kept.iter().map(|k| surface.positions[at(k)]).collect(),
+        fields: surface.fields.iter().map(field).collect(),
+        seen_by: surface.seen_by.as_ref().map(|seen| SeenBy {
+            of_vertex: kept.iter().map(|k| seen.of_vertex[at(k)]).collect(),
+            ..seen.clone()
+        }),
+        triangles,
+        ..*surface
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::FieldKind;
+
+    /// Both sides of a plate that is thinner than the cells.
+    fn plate(n: u32) -> SurfaceShown {
+        let mut made = SurfaceShown {
+            name: "plate".to_owned(),
+            ..SurfaceShown::default()
+        };
+        for (z, up) in [(0.0, false), (1e-4, true)] {
+            let base = made.positions.len() as u32;
+            for i in 0..=n {
+                for j in 0..=n {
+                    made.positions
+                        .push([f64::from(i) / f64::from(n), f64::from(j) / f64::from(n), z]);
+                }
+            }
+            for i in 0..n {
+                for j in 0..n {
+                    let a = base + i * (n + 1) + j;
+                    let [b, c, d] = [a + n + 1, a + n + 2, a + 1];
+                    let two = [[a, b, c], [a, c, d]];
+                    made.triangles
+                        .extend(two.map(|[a, b, c]| if up { [a, b, c] } else { [a, c, b] }));
+                }
+            }
+        }
+        let values = made.positions.iter().map(|p| p[0] + 2.0 * p[1] + 3.0 * p[2]).collect();
+        made.fields.push(Field {
+            key: "sigma".to_owned(),
+            label: "σ".to_owned(),
+            unit: String::new(),
+            shown: None,
+            kind: FieldKind::Sequential,
+            values: Values::Numbers(values),
+        });
+        made
+    }
+
+    #[test]
+    fn both_sides_of_a_thin_plate_stay_and_values_are_those_of_vertices() {
+        let whole = plate(100);
+        let few = thinned(&whole, 4000).expect("fewer triangles");
+        assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
+        let area = |side: bool| -> f64 {
+            let of = (few.triangles.iter()).filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
+            of.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
+        };
+        // The clusters at the border end before it.
+        assert!(
+            area(true) > 0.85 && area(false) < -0.85,
+            "{} {}",
+            area(true),
+            area(false)
+        );
+        let Values::Numbers(values) = &few.fields[0].values else {
+            panic!("numbers")
+        };
+        for (p, value) in few.positions.iter().zip(values) {
+            assert!(whole.positions.contains(p));
+            assert_eq!(*value, p[0] + 2.0 * p[1] + 3.0 * p[2]);
+        }
+        assert!(few.name.ends_with("of its 40 000 triangles)"), "{}", few.name);
+        assert_eq!(thinned(&few, 4000), None);
+    }
+}
