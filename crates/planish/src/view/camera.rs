@@ -268,7 +268,8 @@ mod tests {
             ("1", "AZIMUTH,ELEVATION"),
             ("0,91", "-90 to 90"),
             ("0,0,0", "zoom from"),
-            ("nan,0", "elevation"),
+            ("nan,0", "azimuth from"),
+            ("1e99,0", "azimuth from"),
             ("iso,big", "ZOOM"),
         ] {
             let e = read(text).unwrap_err();

@@ -198,7 +198,7 @@ fn refuse_one_place(sightings: &[Sighting]) -> Result<()> {
     let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
     if sightings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
-            "all {} readings lie within {extent:.3} of one place, less than their σ of {sigma:.3}: they show no outline",
+            "all {} readings lie nearer together than their σ: they show no outline",
             sightings.len()
         )));
     }

@@ -32,9 +32,9 @@ fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs:
 #[test]
 fn a_circle_is_not_too_large_by_default() {
     let circle = [0.1, -0.2, 1.0];
-    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 200);
+    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 60);
     let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
-    // The mean of 200 runs is known to 0.07.
+    // The mean of 60 runs is known to 0.13.
     assert!(default.abs() < 0.35, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
 }
@@ -42,7 +42,7 @@ fn a_circle_is_not_too_large_by_default() {
 #[test]
 fn an_ellipse_is_not_too_long_by_default() {
     let ellipse = [0.1, -0.2, 1.0, 0.6, 0.5];
-    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 100);
+    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 40);
     let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
     assert!(default.abs() < 0.5, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
@@ -53,7 +53,7 @@ fn an_ellipse_is_not_too_long_by_default() {
 #[test]
 fn rectangles_and_hexagons_are_known_as_well_as_they_say() {
     let sensor = SensorOptions::around(1.0, 1.0);
-    let runs = 60;
+    let runs = 30;
     for (kind, theta, period) in [
         (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], std::f64::consts::PI),
         (
@@ -80,7 +80,7 @@ fn rectangles_and_hexagons_are_known_as_well_as_they_say() {
         let nees = squares / (runs as usize * theta.len()) as f64;
         let bias = bias / runs as f64;
         assert!((0.75..1.25).contains(&nees), "{kind}: {nees}");
-        assert!(bias.abs() < 0.45, "{kind}: {bias}");
+        assert!(bias.abs() < 0.6, "{kind}: {bias}");
     }
 }
 
@@ -91,7 +91,7 @@ fn wild_readings_do_not_pull_a_circle_away() {
         outlier_share: 0.17,
         ..FAR
     };
-    for run in 0..60 {
+    for run in 0..30 {
         let made = ranges(&Kind::Circle, &circle, [0.1, -0.2], 100, &sensor, run);
         let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
         for (k, truth) in circle.iter().enumerate() {
