@@ -173,9 +173,7 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         ));
     }
     lines.gap();
-    let rows: Vec<Vec<String>> = part
-        .parameters
-        .iter()
+    let rows: Vec<Vec<String>> = (part.parameters.iter().chain(&part.sides))
         .map(|(name, value)| vec![name.clone(), significant(value.value, 6), significant(value.sigma, 2)])
         .collect();
     lines.table(

@@ -136,6 +136,7 @@ pub fn write_forming(
             let camera = Camera::of(first, last, &frames.triangles)?;
             for (k, frame) in frames.frames.iter().enumerate() {
                 progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
+                progress.items(k, "pictures");
                 let places = &forming.places[..frames.readings[k].min(forming.places.len())];
                 let pixels = camera.draw(frame, &frames.triangles, places);
                 write_colour_png(&folder.path().join(format!("frame_{:04}.png", k + 1)), PICTURE, &pixels)?;
@@ -162,6 +163,7 @@ fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progr
     let (mut shapes, mut sigmas) = (Vec::new(), Vec::new());
     for (k, snapshot) in forming.snapshots.iter().enumerate() {
         progress.check("animating", k as f64 / forming.snapshots.len() as f64)?;
+        progress.items(k, "frames");
         let then = &snapshot.surface;
         let located: Vec<(usize, [f64; 2])> = made
             .parameters

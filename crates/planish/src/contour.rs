@@ -215,8 +215,9 @@ fn parts_of(
         }
     }
     if strays > 0 {
+        let lie = if strays == 1 { "reading lies" } else { "readings lie" };
         warnings.push(format!(
-            "{strays} readings lie apart from all others and were left out: raise --gap if they belong together"
+            "{strays} {lie} apart from all others, left out: raise --gap if they belong together"
         ));
     }
     let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
@@ -224,9 +225,11 @@ fn parts_of(
         false => (job.kinds.clone(), job.chains),
     };
     let count = clusters.len();
-    let mut parts = Vec::new();
+    let (mut parts, mut fitted) = (Vec::new(), 0);
     for (k, (level, members)) in clusters.into_iter().enumerate() {
         progress.check("fitting", 0.05 + 0.9 * k as f64 / count as f64)?;
+        progress.items(fitted, "readings");
+        fitted += members.len();
         let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),

@@ -237,6 +237,7 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
             "choosing",
             0.5 + 0.5 * points.len() as f64 / options.count.max(1) as f64,
         )?;
+        progress.items(points.len(), "points");
         // What each candidate would leave.
         let left: Vec<f64> = candidates
             .par_iter()
@@ -584,6 +585,7 @@ fn columns(
     let mut found = Vec::with_capacity(chosen.len());
     for (done, part) in chosen.chunks(COLUMNS).enumerate() {
         progress.check("columns", 0.2 + 0.3 * (done * COLUMNS) as f64 / chosen.len() as f64)?;
+        progress.items(done * COLUMNS, "places");
         let mut solved = vec![0.0; nodes * part.len()];
         for (c, &place) in part.iter().enumerate() {
             for &(node, weight) in &places[place].row {

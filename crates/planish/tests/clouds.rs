@@ -125,6 +125,19 @@ fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
 }
 
 #[test]
+fn few_readings_without_sigma_that_the_model_knows_already_are_no_proof_of_their_own_noise() {
+    let points = sheet(4000, 11);
+    let first = run(&set_of(points.clone(), Some(SIGMA)));
+    let again = points.into_iter().step_by(400).collect();
+    let both = update(&first.model, &set_of(again, None), &FitOptions::default(), &Silent).unwrap();
+    let sensor = &both.report.sensors[0];
+    assert!(sensor.sigma_used_is_estimated);
+    // Ten readings that the surface followed would leave next to nothing, and count without end.
+    assert!(sensor.sigma_estimated > 0.3 * SIGMA, "{sensor:?}");
+    assert!(error(&both) < 2.0 * error(&first));
+}
+
+#[test]
 fn no_more_coefficients_than_allowed() {
     let set = set_of(sheet(3000, 6), None);
     for most in [25, 40, 100, 150] {

@@ -148,9 +148,20 @@ fn a_sensor_that_understates_sigma_threefold_is_found() {
 
 #[test]
 fn gross_errors_of_one_reading_in_twenty_change_little() {
+    // Two draws scatter by a few per cent.
+    assert_gross_errors_change_little(0..2, 0.15);
+}
+
+#[test]
+#[ignore = "36 fits: run by `just nightly`"]
+fn gross_errors_change_little_in_more_draws() {
+    assert_gross_errors_change_little(2..8, 0.1);
+}
+
+fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let (mut clean, mut dirty) = (0.0, 0.0);
-        for seed in 0..6 {
+        for seed in seeds.clone() {
             let rms = |outlier_share: f64| {
                 let scene = scans(&ScanSceneOptions {
                     shape,
@@ -177,7 +188,7 @@ fn gross_errors_of_one_reading_in_twenty_change_little() {
         let ratio = (dirty / clean).sqrt();
         println!("{shape:?}: ratio {ratio:.3}");
         assert!(
-            (ratio - 1.0).abs() < 0.1,
+            (ratio - 1.0).abs() < most,
             "{shape:?}: gross errors change the rms by a factor {ratio}"
         );
     }

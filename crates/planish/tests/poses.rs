@@ -83,7 +83,7 @@ fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
 #[test]
 fn poses_come_back_within_their_covariance() {
     let (mut all, mut worst) = (Vec::new(), 0.0_f64);
-    for seed in 0..4 {
+    for seed in 0..2 {
         let mut scene = scene(Shape::Ball, seed);
         let truths = shake(&mut scene, 100 + seed, 0.5, 0.5);
         let fitted = fit_scene(&scene, false);
@@ -101,7 +101,7 @@ fn poses_come_back_within_their_covariance() {
         all.len()
     );
     println!("{all:.1?}");
-    // 20 poses of 6 numbers: the standard deviation of the mean is 0.8.
+    // 10 poses of 6 numbers: the standard deviation of the mean is 1.1.
     assert!((3.5..9.0).contains(&mean), "{mean}");
 }
 

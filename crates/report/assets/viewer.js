@@ -322,7 +322,8 @@
   const named = (list) => list.length + clouds.length + lines.length > 1 || list.length > 1;
   for (const thing of all) {
     const { given } = thing.userData;
-    if (thing === main && !named(surfaces)) continue;
+    // A single surface needs no name, unless that says how much of it is shown.
+    if (thing === main && !named(surfaces) && !given.thinned) continue;
     box(given.name, thing.visible, (on) => {
       thing.visible = on;
       if (on && clouds.includes(thing) && main && thing.userData.field) tell(thing.userData.field);

@@ -176,6 +176,7 @@ impl Scene {
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
                 let fewer = thinned(surface, MOST_TRIANGLES);
+                let thinned = fewer.is_some();
                 let surface = fewer.as_ref().unwrap_or(surface);
                 let places = surface.positions.iter().flat_map(about).map(|x| x as f32);
                 let mut made = json!({
@@ -186,6 +187,7 @@ impl Scene {
                     "hidden": surface.hidden,
                     "flat": surface.flat,
                     "translucent": surface.translucent,
+                    "thinned": thinned,
                 });
                 if let Some(seen) = &surface.seen_by {
                     made["sets"] = json!({

@@ -38,6 +38,10 @@ pub struct PartReport {
     pub parameters: Vec<(String, ReportedValue)>,
     /// Names in the order of the covariance.
     pub order: Vec<String>,
+    /// What no parameter states: the length of each straight side of a polygon or a chain, `side0` from the first vertex to the next, and the radius of
+    /// each arc, `radius1`.
+    #[serde(serialize_with = "as_map", skip_serializing_if = "Vec::is_empty")]
+    pub sides: Vec<(String, ReportedValue)>,
     /// Covariance of the parameters, in those units.
     pub covariance: Vec<Vec<f64>>,
     /// Logarithm of the likelihood of the readings, each anywhere on the outline, up to a constant that all kinds share; where
@@ -195,6 +199,16 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
                     sigma: sigma(i),
                 };
                 (order[i].clone(), value)
+            })
+            .collect(),
+        sides: (fit.kind.sides(&values, &covariance).iter())
+            .map(|side| {
+                let what = if side.is_arc { "radius" } else { "side" };
+                let size = ReportedValue {
+                    value: side.size,
+                    sigma: side.sigma,
+                };
+                (format!("{what}{}", side.piece), size)
             })
             .collect(),
         covariance: covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),

@@ -46,6 +46,7 @@ pub(super) fn shape_files(
     let part = PartReport {
         kind: fit.shape.to_string(),
         parameters: order.iter().cloned().zip((0..order.len()).map(value)).collect(),
+        sides: Vec::new(),
         covariance: fit
             .covariance
             .row_iter()

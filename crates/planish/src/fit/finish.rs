@@ -139,9 +139,15 @@ pub(super) fn finish(
     } else {
         degrees_of_channels(&seen, &channels, &feet, &information)?
     };
+    let found = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
+    let estimated = (noise.followed.iter().zip(&noise.estimated).zip(&found.estimated))
+        .map(|((&followed, &before), &after)| if followed { before } else { after })
+        .collect();
     noise = SensorNoise {
         used: noise.used,
-        ..SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?
+        followed: noise.followed,
+        estimated,
+        ..found
     };
     let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
     // Other readings may have shown more.
@@ -276,6 +282,13 @@ pub(super) fn finish(
         warnings.push(format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise --max-coefficients for more detail",
             options.max_coefficients
+        ));
+    }
+    for (channel, _) in (observations.channels.iter().zip(&noise.followed)).filter(|(_, followed)| **followed) {
+        warnings.push(format!(
+            "the readings of sensor \"{}\" state no σ and are so few that the surface follows them wherever they go: they count with what they missed the \
+             model by before, which is too little if the model has heard of them; state their σ",
+            set.sensors[channel.sensor].name
         ));
     }
     warnings.extend(fused.as_ref().and_then(Fused::warning));
@@ -462,10 +475,13 @@ pub(super) fn place(
     let mut noise = SensorNoise::stated(observations);
     let (mut feet, mut factor) = (Vec::new(), None);
     let mut degrees = vec![0.0; observations.stated.len()];
+    // The noise that the model before the update tells.
+    let mut foretold: Option<SensorNoise> = None;
     // How well each reading's foot was known before: readings may be that far off as well, until the surface has heard of them.
     let mut known_before: Vec<f64> = Vec::new();
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
+        progress.items(iteration as usize * subset.len(), "readings");
         let search = if iteration == 0 {
             Some(FootPointSearch::new(&surface, 2, 0.0)?)
         } else {
@@ -490,6 +506,11 @@ pub(super) fn place(
             &feet
         };
         noise = SensorNoise::estimate(observations, &subset, judged, options.gate, &degrees, true)?;
+        if iteration == 0 {
+            foretold = Some(noise.clone());
+        } else if let Some(foretold) = &foretold {
+            noise.keep_where_followed(observations, foretold, &degrees);
+        }
         if iteration == 3 {
             break;
         }

@@ -146,6 +146,7 @@ pub(super) fn formed(
     };
     for (number, &count) in counts.iter().enumerate() {
         progress.check("animating", number as f64 / counts.len() as f64)?;
+        progress.items(number, "frames");
         let mut total = system.accumulate_along(&directions, |leaf, add| {
             for &k in &by_place[start[leaf] as usize..start[leaf + 1] as usize] {
                 let k = k as usize;

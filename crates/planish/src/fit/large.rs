@@ -300,6 +300,7 @@ pub(super) fn absorb(
     let mut coming = Some(prepared(parts, 1, first, origin, options));
     for number in 1..parts.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / parts.count as f64)?;
+        progress.items(absorbed.total, "readings");
         let Some(part) = coming.take() else { break };
         let (observations, subset) = part?;
         let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, first, origin, options));

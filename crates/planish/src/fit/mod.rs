@@ -395,6 +395,7 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
     let mut tracker = RigidTracker::new(&first, set, &order)?;
     for (k, &scan) in order.iter().enumerate().skip(1) {
         progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
+        progress.items(k - 1, "scans");
         let readings = observe(
             &some_scans(set, &[scan]),
             &ObservationOptions {

@@ -27,6 +27,8 @@ pub(super) struct SensorNoise {
     pub contradicted: Vec<bool>,
     /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring points agree better.
     pub most: Vec<f64>,
+    /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says nothing of their error.
+    pub followed: Vec<bool>,
 }
 
 /// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may err together.
@@ -67,6 +69,21 @@ impl SensorNoise {
             count: vec![0; channels],
             contradicted: vec![false; channels],
             most,
+            followed: vec![false; channels],
+        }
+    }
+
+    /// Goes back to what readings without a stated σ said before the surface heard of them, where it now follows them wherever they go:
+    /// each round would weigh them more for the little that they leave, without end.
+    pub(super) fn keep_where_followed(&mut self, observations: &Observations, before: &Self, degrees: &[f64]) {
+        for channel in 0..self.used.len() {
+            let spare = self.count[channel] as f64 - degrees[channel];
+            let is_followed = spare < LEAST_REDUNDANCY * self.count[channel] as f64;
+            if is_followed && !observations.stated[channel] && !observations.channels[channel].invented {
+                self.estimated[channel] = before.estimated[channel];
+                self.used[channel] = before.used[channel];
+                self.followed[channel] = true;
+            }
         }
     }
 

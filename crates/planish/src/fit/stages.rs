@@ -286,7 +286,11 @@ pub(super) fn refine_to_noise(
     let mut outside: Vec<u32> = Vec::new();
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     let mut refined = grown(surface.space(), 1);
+    let mut projected = 0;
     for round in 0.. {
+        if final_round {
+            projected = 0;
+        }
         let system = SurfaceSystem::new(surface.space())?;
         // Early rounds see a sample: every leaf needs a few dozen readings only.
         let sample: Vec<u32> = if final_round {
@@ -322,6 +326,8 @@ pub(super) fn refine_to_noise(
         for iteration in 0..iterations {
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(round as f64 + iteration as f64 / iterations as f64));
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
+            progress.items(projected, "readings");
+            projected += sample.len();
             feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
             share_errors(observations, &sample, &mut feet, &surface, weight);
             let channels = FootChannels::new(observations, &sample);

@@ -75,6 +75,7 @@ pub(super) fn refitted(
     let mut next = 0;
     while next < seeds.len() {
         progress.check("refitting what patches share", next as f64 / seeds.len() as f64)?;
+        progress.items(next, "vertices");
         // Pieces one after the other, as each begins where none was; their fits side by side.
         let mut pieces = Vec::new();
         while next < seeds.len() && pieces.len() < BATCH {

@@ -59,6 +59,7 @@ pub(super) fn at_random(
     let mut worst: Vec<Vec<f64>> = Vec::with_capacity(draws);
     for first in (0..draws).step_by(TOGETHER) {
         part.check("random draws", first as f64 / draws as f64)?;
+        part.items(first, "draws");
         let together: Vec<usize> = (first..draws.min(first + TOGETHER)).collect();
         let judged: Vec<Vec<f64>> = together
             .into_par_iter()

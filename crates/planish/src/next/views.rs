@@ -126,6 +126,7 @@ pub fn next_views(
     while views.len() < options.count && reached(&variances) != Some(true) {
         let done = views.len() as f64 / options.count as f64;
         progress.check("choosing", 0.4 + 0.6 * done)?;
+        progress.items(views.len(), "views");
         let nodes = model.surface.space().node_count();
         let together = representatives.covariance(&factor, nodes, &places)?;
         let Some(best) = best_of(&candidates, &together, &representatives, options.objective) else {
@@ -276,6 +277,7 @@ fn seen_by_any(
             "lines of sight",
             0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64,
         )?;
+        progress.items(64 * k, "views");
         seen.par_iter_mut()
             .zip(places)
             .with_min_len(16)

@@ -69,7 +69,14 @@ fn kinds_of(report: &ContourReport) -> String {
 
 pub(super) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
-    let mut figures: Vec<Figure> = (main.parameters.iter().take(4))
+    // Of contours of vertices the sides say more than where the vertices lie.
+    let vertices = main.parameters.first().is_some_and(|(name, _)| name == "x0");
+    let sizes = if vertices && !main.sides.is_empty() {
+        &main.sides
+    } else {
+        &main.parameters
+    };
+    let mut figures: Vec<Figure> = (sizes.iter().take(4))
         .map(|(name, value)| Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit)))
         .collect();
     figures.push(Figure::new(
@@ -109,7 +116,7 @@ pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
 
 pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     let mut table = Table::new(["parameter", "value", "σ"]);
-    for (name, value) in &part.parameters {
+    for (name, value) in part.parameters.iter().chain(&part.sides) {
         let unit = unit_of(name, unit);
         let name = head(name, unit);
         let decimals = with_sigma(value.value, value.sigma);

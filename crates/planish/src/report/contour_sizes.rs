@@ -3,7 +3,7 @@
 //! Comes in: contours as they are drawn, and the sizes that are reported of them. Goes out: a label for each reported length that a straight line has, and for each
 //! radius that an arc has.
 //!
-//! Not guaranteed: labels for sizes that no parameter states, such as the sides of a chain whose parameters are corners; that labels of close lines stand apart.
+//! Not guaranteed: that labels of close lines stand apart.
 
 use super::contour::with_sigma;
 use crate::contour::ContourReport;
@@ -38,15 +38,17 @@ fn sizes_of(report: &ContourReport, contour: usize) -> Vec<Size> {
         sizes.extend(of(&found.circles, true));
         return sizes;
     }
-    let parameters = report.contours.get(contour).map(|part| &part.parameters);
-    (parameters.into_iter().flatten())
-        .map(|(name, value)| Size {
-            name: name.clone(),
-            value: value.value,
-            sigma: value.sigma,
-            is_radius: name.contains("radius"),
-        })
-        .collect()
+    let part = report.contours.get(contour);
+    (part
+        .into_iter()
+        .flat_map(|part| part.parameters.iter().chain(&part.sides)))
+    .map(|(name, value)| Size {
+        name: name.clone(),
+        value: value.value,
+        sigma: value.sigma,
+        is_radius: name.contains("radius"),
+    })
+    .collect()
 }
 
 /// Labels for the lines of all contours.

@@ -147,6 +147,7 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     let each = bending.readings.div_ceil(bending.states);
     for k in 0..=last {
         progress.check("scanning", k as f64 / bending.states as f64)?;
+        progress.items(k * each, "readings");
         let truth = &scene.states[k];
         let pose = looking_from(truth, from, 0.0, size)?;
         let name = format!("laser-{}.ply", k + 1);

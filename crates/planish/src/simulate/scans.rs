@@ -273,6 +273,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
     rng.set_stream(2);
     for view in 0..views {
         progress.check("scanning", view as f64 / views as f64)?;
+        progress.items(view * each, "readings");
         let is_old = view == options.views;
         let (name, noise, misstatement) = if is_old {
             ("old", old, options.misstated)

@@ -197,6 +197,7 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
             let at =
                 options.readings.iter().position(|&n| n == readings).unwrap_or(0) * options.noise_percent.len() + k;
             progress.check("simulating", (at + 1) as f64 / total)?;
+            progress.items((at + 1) * sets.len(), "sets of readings");
         }
     }
     Ok(rows)

@@ -119,6 +119,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let each = turning.readings.div_ceil(turning.views);
     for view in 0..turning.views {
         progress.check("scanning", view as f64 / turning.views as f64)?;
+        progress.items(view * each, "readings");
         let time = view as f64;
         let world_from_thing = Pose::from_twist(scale(time, turn), scale(time, slide));
         let thing_from_laser = world_from_thing.inverse().after(&laser);

@@ -32,7 +32,7 @@ fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs:
 #[test]
 fn a_circle_is_not_too_large_by_default() {
     let circle = [0.1, -0.2, 1.0];
-    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 60);
+    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 30);
     let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
     // The mean of 60 runs is known to 0.13.
     assert!(default.abs() < 0.35, "{default}");
@@ -42,7 +42,7 @@ fn a_circle_is_not_too_large_by_default() {
 #[test]
 fn an_ellipse_is_not_too_long_by_default() {
     let ellipse = [0.1, -0.2, 1.0, 0.6, 0.5];
-    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 40);
+    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 24);
     let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
     assert!(default.abs() < 0.5, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");

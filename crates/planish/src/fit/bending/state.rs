@@ -81,6 +81,7 @@ impl Sheet<'_> {
         let gate = self.options.gate;
         for iteration in 0..MOST_ITERATIONS {
             progress.check("bending", iteration as f64 / MOST_ITERATIONS as f64)?;
+            progress.items(iteration * subset.len(), "readings");
             let annealed = iteration >= ANNEALING;
             let search = if annealed && iteration % 5 != 0 {
                 None

@@ -293,6 +293,10 @@ impl<'a> Readings<'a> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
         for (s, posed) in self.set.scans.iter().enumerate() {
             progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
+            progress.items(
+                self.set.scans[..s].iter().map(|before| before.scan.points.len()).sum(),
+                "readings",
+            );
             let scan = self.of_scan(s);
             sums[posed.sensor]
                 .add_from(posed.scan.points.len(), |k| scan.fitted(k))
