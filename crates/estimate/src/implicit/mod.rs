@@ -139,8 +139,8 @@ impl Normalized {
 /// Moves `u` to the nearest noise that explains the reading at `x`: the foot of `origin` on `g(z − L u, x) = 0`.
 ///
 /// On return `at` is the linearisation there and `at.distance` the signed distance. Fixed point: `u = origin + n s`.
-/// Converges for distances below the radius of curvature; steps are shortened where they do not shrink. False where the
-/// equation is not defined or does not settle. Cost: three or four gradients.
+/// Converges at once for distances below the radius of curvature; beyond, steps are shortened until they descend. False where the
+/// equation is not defined or does not settle. Cost: three or four gradients, some dozens beyond the radius of curvature.
 pub fn signed_distance<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -174,7 +174,67 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
         previous = moved;
     }
     // What has not settled but is nearly there is good enough for a weight; what is not, is not.
-    previous <= 1e-2 * (1.0 + at.distance.abs())
+    previous <= 1e-2 * (1.0 + at.distance.abs()) || descend(reading, branch, x, origin, u, at)
+}
+
+/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the same steps from the origin, each as long as it lessens the merit
+/// `½ |u − o|² + c |g(u)|`, whose minimum is the foot where `c > |u − o| / |∂g/∂u|` (Zhang and Der Kiureghian 1995, *Two improved algorithms for reliability
+/// analysis*, eq. 14 to 17).
+fn descend<R: ImplicitReading + ?Sized>(
+    reading: &R,
+    branch: usize,
+    x: &[f64],
+    origin: &[f64],
+    u: &mut [f64],
+    at: &mut Normalized,
+) -> bool {
+    /// Of the least decrease, over what the slope promises (Armijo 1966).
+    const DECREASE: f64 = 0.1;
+    /// A step is halved so many times.
+    const HALVINGS: i32 = 12;
+    let p = u.len();
+    u.copy_from_slice(origin);
+    if !at.at(reading, branch, x, u, origin) {
+        return false;
+    }
+    // |u − o|² and g, which the linearisation holds.
+    let parts = |at: &Normalized, u: &[f64]| {
+        let (mut square, mut along) = (0.0, 0.0);
+        for k in 0..p {
+            square += (u[k] - origin[k]).powi(2);
+            along += at.normal[k] * (u[k] - origin[k]);
+        }
+        (square, at.slope * (along - at.distance))
+    };
+    let mut weight = 0.0_f64;
+    for _ in 0..100 {
+        let (square, g) = parts(at, u);
+        let (mut step, mut moved) = ([0.0; MOST_NOISE], 0.0_f64);
+        for k in 0..p {
+            step[k] = origin[k] + at.normal[k] * at.distance - u[k];
+            moved = moved.max(step[k].abs());
+        }
+        if moved <= 1e-6 * (1.0 + at.distance.abs()) {
+            return true;
+        }
+        weight = weight.max(2.0 * square.sqrt().max(at.distance.abs()) / at.slope);
+        let slope = (0..p).map(|k| (u[k] - origin[k]) * step[k]).sum::<f64>() - weight * g.abs();
+        let merit = 0.5 * square + weight * g.abs();
+        let begun: [f64; MOST_NOISE] = std::array::from_fn(|k| u.get(k).copied().unwrap_or(0.0));
+        let shortened = (0..HALVINGS).map(|halving| 0.5_f64.powi(halving)).any(|share| {
+            for k in 0..p {
+                u[k] = begun[k] + share * step[k];
+            }
+            at.at(reading, branch, x, u, origin) && {
+                let (square, g) = parts(at, u);
+                0.5 * square + weight * g.abs() <= merit + DECREASE * share * slope
+            }
+        });
+        if !shortened {
+            return moved <= 1e-2 * (1.0 + at.distance.abs());
+        }
+    }
+    false
 }
 
 /// The branch that explains a reading best: least `s² + overrun` at the first-order foot from `u`.

@@ -1,9 +1,6 @@
 //! Clouds as they come: no grid, no normals, no viewpoint; dust, duplicates, misstated σ.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-mod common;
+use crate::common;
 
 use planish::fit::{Fit, FitOptions, fit, update};
 use planish::progress::Silent;

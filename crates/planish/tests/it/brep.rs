@@ -1,8 +1,5 @@
 //! Surfaces as boundary representations: the faces are the surface, and Open Cascade agrees.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::brep::{BrepOptions, brep_from_surface};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_exchange::Unit;

@@ -1,9 +1,6 @@
 //! The bare earth of airborne lidar: simulated, and the reference samples of Sithole and Vosselman where they are at hand.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-mod common;
+use crate::common;
 
 use planish::Shape;
 use planish::fit::{Fit, FitOptions, GroundWidth, fit};

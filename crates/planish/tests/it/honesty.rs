@@ -1,9 +1,6 @@
 //! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes whatever the threads.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-mod common;
+use crate::common;
 
 use planish::fit::{Fit, FitOptions, fit};
 use planish::progress::Silent;

@@ -1,8 +1,5 @@
 //! Crossed stripes on surfaces whose points, normals and curvatures are known: pictures are rendered, read, and judged by the stated covariances.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout, clippy::type_complexity)]
-
 use planish::GridOptions;
 use planish::simulate::{Exposure, Light, Target, Texture};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, tangents, unit};

@@ -1,8 +1,5 @@
 //! Shape that a limit leaves out is a part of σ.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish_exchange::{PosedScan, ScanSet, Unit};

@@ -1,8 +1,5 @@
 //! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes that a motion does not suit.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::fit::{
     Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion, fit,
 };

@@ -1,8 +1,5 @@
 //! The whole pipeline on freeform truths: scans are simulated, fitted without knowing (u, v), and judged against the truth.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::fit::{Fit, FitOptions, fit};
 use planish::model::Posterior;
 use planish::progress::Silent;

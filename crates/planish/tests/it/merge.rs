@@ -1,8 +1,5 @@
 //! Patches of known surfaces, merged: what comes out is nearer to the truth than what went in, and σ says how near.
 
-// Helpers of tests may print as tests do.
-#![allow(clippy::print_stdout)]
-
 use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
 use planish::progress::Silent;

@@ -1,8 +1,5 @@
 //! Positions, normals and curvatures in any mix: is the surface right, and are its σ true?
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::fit::{Fit, FitOptions, RefineBy, fit};
 use planish::progress::Silent;
 use planish_estimate::vector3::{add_scaled, dot, tangents, unit};

@@ -1,8 +1,5 @@
 //! Meshes of surfaces, judged by the mesh crate: manifold, closed where the surface is, within the chord error.
 
-// Helpers of tests may unwrap as tests do.
-#![allow(clippy::unwrap_used)]
-
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::{BaseShape, Shape, Surface, Tessellation, TessellationOptions, tessellate};

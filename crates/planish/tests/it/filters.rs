@@ -1,8 +1,5 @@
 //! Both filters over the same scans: what one says, the other must not contradict, and both must tell the truth about their σ.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::fit::{Filter, Fit, FitOptions, RefineBy, fit};
 use planish::model::Posterior;
 use planish::progress::Silent;

@@ -1,8 +1,5 @@
 //! `planish shell texture` from files to files: a simulated thing whose colours are known, one view of another thing, and what no view sees.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used)]
-
 use planish::progress::Silent;
 use planish::shell::texture::{ColourPlace, ShellTextureJob, ShellTextureReport, shell_texture_files};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};

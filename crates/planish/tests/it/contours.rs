@@ -1,8 +1,5 @@
 //! Contours end to end: files of readings in, reports out.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish::contour::{
     CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Motion, Relation, Shape,
     SigmaDefaults, contour_files,

@@ -1,8 +1,5 @@
 //! `planish shell fit` from files to files: what a mesh looks like is kept, and parts that are rigid stay so.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used)]
-
 use planish::progress::Silent;
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
 use planish_estimate::vector3::{distance, norm};

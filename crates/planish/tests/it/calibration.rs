@@ -2,9 +2,6 @@
 //!
 //! The small sizes run with every test; `just nightly` runs the two hundred draws of each (`--ignored`).
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, SelectedInverse};
 use planish_estimate::{ChiSquareBand, vector3::sub};
 use planish_spline::{BaseShape, CellCovariance, Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};

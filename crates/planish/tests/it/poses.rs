@@ -1,9 +1,6 @@
 //! Scans that stand elsewhere than stated, and sensors that err alike in all readings of a scan: what was changed comes back within its σ.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-mod common;
+use crate::common;
 
 use nalgebra::{DMatrix, DVector};
 use planish::fit::{Fit, FitOptions, fit, update};

@@ -1,9 +1,6 @@
 //! What nobody measured, concluded from what was: judged against the truth.
 
-// Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-mod common;
+use crate::common;
 
 use common::probed;
 use planish::fit::{Filter, Fit, FitOptions, ThingMotion, fit};

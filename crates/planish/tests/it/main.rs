@@ -1,0 +1,29 @@
+//! The library from outside: one program for all, as each would be linked with the whole of it.
+
+// Helpers of tests may unwrap and print as tests do.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+mod common;
+
+mod brep;
+mod calibration;
+mod clouds;
+mod contours;
+mod filters;
+mod freeform;
+mod front_ends;
+mod honesty;
+mod merge;
+mod poses;
+mod propagation;
+mod quantities;
+mod reports;
+mod shape_left;
+mod shells;
+mod solids;
+mod stripes;
+mod terrain;
+mod tessellation;
+mod texture;
+mod told;
+mod view;
