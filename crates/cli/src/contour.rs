@@ -137,6 +137,8 @@ fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
     }
     if let Some(constrained) = &report.constrained {
         lines.gap();
+        lines.line("So far the readings alone. With what was given and what was found to hold:");
+        lines.gap();
         constrained_text(&mut lines, constrained);
     }
     if !outputs.is_empty() {

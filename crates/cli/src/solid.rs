@@ -128,11 +128,13 @@ fn text(report: &SolidReport) -> String {
             ]
         })
         .collect();
+    let [volume, area] =
+        [("volume", '³'), ("area", '²')].map(|(what, power)| format!("{what} / {}{power}", report.unit.name()));
     lines.table(
         &[
             ("", Align::Right),
-            ("volume", Align::Right),
-            ("area", Align::Right),
+            (volume.as_str(), Align::Right),
+            (area.as_str(), Align::Right),
             ("faces", Align::Left),
             ("file", Align::Left),
         ],

@@ -135,7 +135,7 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
 }
 
 /// `T g_uu T / |g_u|`.
-fn second_form<R: ImplicitReading + ?Sized>(
+pub(super) fn second_form<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
     x: &[f64],

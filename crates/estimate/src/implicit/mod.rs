@@ -14,6 +14,8 @@
 //!                        └─► curvature_bias, kanatani_cramer_rao
 //! ```
 
+use nalgebra::{DMatrix, DVector};
+
 mod batch;
 mod bias;
 mod filter;
@@ -173,13 +175,22 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
         }
         previous = moved;
     }
+    if previous <= 1e-4 * (1.0 + at.distance.abs()) {
+        return true;
+    }
+    let is_near = previous <= 1e-2 * (1.0 + at.distance.abs());
+    let begun: [f64; MOST_NOISE] = std::array::from_fn(|k| u.get(k).copied().unwrap_or(0.0));
+    if descend(reading, branch, x, origin, u, at) {
+        return true;
+    }
     // What has not settled but is nearly there is good enough for a weight; what is not, is not.
-    previous <= 1e-2 * (1.0 + at.distance.abs()) || descend(reading, branch, x, origin, u, at)
+    u.copy_from_slice(&begun[..p]);
+    is_near && at.at(reading, branch, x, u, origin)
 }
 
-/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the same steps from the origin, each as long as it lessens the merit
-/// `½ |u − o|² + c |g(u)|`, whose minimum is the foot where `c > |u − o| / |∂g/∂u|` (Zhang and Der Kiureghian 1995, *Two improved algorithms for reliability
-/// analysis*, eq. 14 to 17).
+/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the nearest place on the equation by Newton's steps along it,
+/// `(I − s B) t = −P (u − o)` with the form `B` of second derivatives (made definite where it is not), each followed by the way back onto the equation and as
+/// long as it brings `u` nearer to the origin (Absil, Mahony and Sepulchre 2008, *Optimization Algorithms on Matrix Manifolds*, chapter 6).
 fn descend<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -194,47 +205,96 @@ fn descend<R: ImplicitReading + ?Sized>(
     const HALVINGS: i32 = 12;
     let p = u.len();
     u.copy_from_slice(origin);
-    if !at.at(reading, branch, x, u, origin) {
+    if !onto_equation(reading, branch, x, origin, u, at) {
         return false;
     }
-    // |u − o|² and g, which the linearisation holds.
-    let parts = |at: &Normalized, u: &[f64]| {
-        let (mut square, mut along) = (0.0, 0.0);
-        for k in 0..p {
-            square += (u[k] - origin[k]).powi(2);
-            along += at.normal[k] * (u[k] - origin[k]);
-        }
-        (square, at.slope * (along - at.distance))
-    };
-    let mut weight = 0.0_f64;
-    for _ in 0..100 {
-        let (square, g) = parts(at, u);
-        let (mut step, mut moved) = ([0.0; MOST_NOISE], 0.0_f64);
-        for k in 0..p {
-            step[k] = origin[k] + at.normal[k] * at.distance - u[k];
-            moved = moved.max(step[k].abs());
-        }
-        if moved <= 1e-6 * (1.0 + at.distance.abs()) {
+    let squared = |u: &[f64]| (0..p).map(|k| (u[k] - origin[k]).powi(2)).sum::<f64>();
+    for _ in 0..40 {
+        let (step, slope) = tangent_step(reading, branch, x, u, origin, at);
+        let moved = step.amax();
+        let settled = 1e-6 * (1.0 + at.distance.abs());
+        if moved <= settled {
             return true;
         }
-        weight = weight.max(2.0 * square.sqrt().max(at.distance.abs()) / at.slope);
-        let slope = (0..p).map(|k| (u[k] - origin[k]) * step[k]).sum::<f64>() - weight * g.abs();
-        let merit = 0.5 * square + weight * g.abs();
-        let begun: [f64; MOST_NOISE] = std::array::from_fn(|k| u.get(k).copied().unwrap_or(0.0));
-        let shortened = (0..HALVINGS).map(|halving| 0.5_f64.powi(halving)).any(|share| {
+        let before = squared(u);
+        let mut begun = [0.0; MOST_NOISE];
+        begun[..p].copy_from_slice(u);
+        let nearer = (0..HALVINGS).map(|halving| 0.5_f64.powi(halving)).any(|share| {
             for k in 0..p {
                 u[k] = begun[k] + share * step[k];
             }
-            at.at(reading, branch, x, u, origin) && {
-                let (square, g) = parts(at, u);
-                0.5 * square + weight * g.abs() <= merit + DECREASE * share * slope
-            }
+            onto_equation(reading, branch, x, origin, u, at) && squared(u) <= before + DECREASE * share * slope
         });
-        if !shortened {
-            return moved <= 1e-2 * (1.0 + at.distance.abs());
+        if !nearer {
+            u.copy_from_slice(&begun[..p]);
+            return at.at(reading, branch, x, u, origin) && moved <= 1e-2 * (1.0 + at.distance.abs());
         }
     }
     false
+}
+
+/// Moves `u` along the gradients until it fulfils the equation, each step as long as it lessens `|g|`, and linearises there. False where it does not get
+/// there.
+fn onto_equation<R: ImplicitReading + ?Sized>(
+    reading: &R,
+    branch: usize,
+    x: &[f64],
+    origin: &[f64],
+    u: &mut [f64],
+    at: &mut Normalized,
+) -> bool {
+    let p = u.len();
+    let off = |at: &Normalized, u: &[f64]| {
+        let along: f64 = (0..p).map(|k| at.normal[k] * (u[k] - origin[k])).sum();
+        at.distance - along
+    };
+    if !at.at(reading, branch, x, u, origin) {
+        return false;
+    }
+    for _ in 0..60 {
+        let (way, here) = (off(at, u), *at);
+        if way.abs() <= 1e-9 * (1.0 + at.distance.abs()) {
+            return true;
+        }
+        let mut begun = [0.0; MOST_NOISE];
+        begun[..p].copy_from_slice(u);
+        let nearer = (0..10).map(|halving| 0.5_f64.powi(halving)).any(|share| {
+            for k in 0..p {
+                u[k] = begun[k] + share * way * here.normal[k];
+            }
+            at.at(reading, branch, x, u, origin)
+                && off(at, u).abs() * at.slope < (1.0 - 0.1 * share) * way.abs() * here.slope
+        });
+        if !nearer {
+            return false;
+        }
+    }
+    false
+}
+
+/// The step of [`descend`] from `u`, where `at` is the linearisation, and the derivative of `|u − o|²` along it.
+fn tangent_step<R: ImplicitReading + ?Sized>(
+    reading: &R,
+    branch: usize,
+    x: &[f64],
+    u: &[f64],
+    origin: &[f64],
+    at: &Normalized,
+) -> (DVector<f64>, f64) {
+    let p = u.len();
+    let off = DVector::from_fn(p, |k, _| u[k] - origin[k]);
+    let tangent = DVector::from_fn(p, |k, _| at.normal[k] * at.distance - off[k]);
+    let form = bias::second_form(reading, branch, x, u, at);
+    let bend = DMatrix::from_fn(p, p, |i, j| at.distance * form[i][j]);
+    // What is not definite is a ridge between two feet: with this much more it surely is.
+    let surely = bend.norm();
+    let solved = [0.0, 0.1, 0.3, 1.0].into_iter().find_map(|share| {
+        let raised = DMatrix::identity(p, p) * (1.0 + share * surely) - &bend;
+        Some(raised.cholesky()?.solve(&tangent))
+    });
+    let step = solved.unwrap_or_else(|| tangent.clone());
+    let slope = -2.0 * tangent.dot(&step);
+    (step, slope)
 }
 
 /// The branch that explains a reading best: least `s² + overrun` at the first-order foot from `u`.

@@ -88,6 +88,77 @@ fn a_foot_is_the_nearest_point_from_inside_and_outside() {
     }
 }
 
+/// A point near the unit circle, far less sure along x than along y: beyond the radius of curvature in standard deviations.
+struct Uneven {
+    point: [f64; 2],
+}
+
+const UNEVEN: [f64; 2] = [0.6, 0.02];
+
+impl ImplicitReading for Uneven {
+    fn state(&self) -> usize {
+        1
+    }
+
+    fn noise(&self) -> usize {
+        2
+    }
+
+    fn gradient(&self, _: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
+        let d = [0, 1].map(|k| self.point[k] - UNEVEN[k] * u[k]);
+        let length = d[0].hypot(d[1]);
+        by_state[0] = -1.0;
+        for k in 0..2 {
+            by_noise[k] = -UNEVEN[k] * d[k] / length;
+        }
+        length - x[0]
+    }
+}
+
+#[test]
+fn feet_beyond_the_radius_of_curvature_are_found() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut repelled = 0;
+    for _ in 0..300 {
+        let point = [random.random_range(-1.5..1.5), random.random_range(-1.1..1.1)];
+        let reading = Uneven { point };
+        let (mut u, mut at) = ([0.0; 2], Normalized::new());
+        assert!(
+            signed_distance(&reading, 0, &[1.0], &[0.0; 2], &mut u, &mut at),
+            "{point:?}"
+        );
+        let squared = |angle: f64| {
+            let foot = [angle.cos(), angle.sin()];
+            (0..2).map(|k| ((point[k] - foot[k]) / UNEVEN[k]).powi(2)).sum::<f64>()
+        };
+        let found = u.iter().map(|u| u * u).sum::<f64>();
+        let angle = (point[1] - UNEVEN[1] * u[1]).atan2(point[0] - UNEVEN[0] * u[0]);
+        // On the circle, as near as its neighbours, and as far as the distance says.
+        assert!(
+            (found - squared(angle)).abs() < 1e-4 * (1.0 + found),
+            "{point:?}: {u:?}"
+        );
+        assert!(
+            (found.sqrt() - at.distance.abs()).abs() < 1e-2 * (1.0 + found.sqrt()),
+            "{point:?}"
+        );
+        for step in [-0.01, 0.01] {
+            assert!(found < squared(angle + step) + 1e-2 * (1.0 + found), "{point:?}: {u:?}");
+        }
+        let is_outside = point[0].hypot(point[1]) > 1.0;
+        if is_outside {
+            let least = (0..20_000).map(|k| squared(std::f64::consts::TAU * f64::from(k) / 20_000.0));
+            let least = least.fold(f64::INFINITY, f64::min);
+            assert!(
+                (found - least).abs() < 1e-2 * (1.0 + least),
+                "{point:?}: {found}, {least}"
+            );
+        }
+        repelled += usize::from(found.sqrt() * (UNEVEN[0] * angle.sin()).powi(2) > UNEVEN[1]);
+    }
+    assert!(repelled > 50, "{repelled}");
+}
+
 #[test]
 fn the_batch_is_that_of_least_squares() {
     let readings = points(40, 0.1, 3);

@@ -6,7 +6,8 @@
 //!
 //! A distance to the nearest side takes every reading near a corner for the side that suits it better, and a distance to a
 //! round outline forgets that its foot is uncertain: both are biased, and their covariance, of the first order, is too small
-//! where the noise is a good part of a side or a radius. The likelihood has neither fault. How densely each part of the outline was read is a nuisance
+//! where the noise is a good part of a side or a radius. The likelihood has hardly anything of either while the noise is a tenth of a side; at a fifth of
+it, sides are still found too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was read is a nuisance
 //! parameter of its own, so that hidden or favoured parts do not pull at corners.
 //!
 //! # References
@@ -52,7 +53,7 @@ pub(super) struct MostLikely {
 }
 
 /// Maximises `Σᵢ log(Σₖ πₖ/Lₖ(θ) ∫ₖ N(zᵢ; p(s), Cᵢ) ds + w)` over the parameters `θ` and the shares `πₖ` of cells of the outline, of
-/// lengths `Lₖ`; `w` is the density of wild readings, as unlikely as those at the gate.
+/// lengths `Lₖ`; `w` is the density of wild readings, as unlikely as those at the gate and in inverse proportion to a reading's variance.
 ///
 /// Outlines without corners are then freed of what is left of a bias: the score that is to be expected at the maximum, if each reading were of the place
 /// nearest to it, is taken off. The places that a sensor sees from where it stands are not spread as evenly as those that all readings see
