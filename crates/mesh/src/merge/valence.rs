@@ -40,8 +40,7 @@ const LIMITS: [Limits; 2] = [
 const TOO_MANY: i64 = 20;
 
 /// How many edges meet in every vertex.
-pub(super) fn valences(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
-    let opposite = opposites(triangles);
+fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u32> {
     let mut valence = vec![0; vertices];
     for (half, over) in opposite.iter().enumerate() {
         let (a, b) = (triangles[half / 3][half % 3], triangles[half / 3][(half % 3 + 1) % 3]);
@@ -53,10 +52,16 @@ pub(super) fn valences(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
     valence
 }
 
-/// Turns edges near vertices for which `wanted` holds, up to so many steps away: those are to have six edges at most, the others as near six as can be. Gives how many turns were made.
-pub(super) fn even_out(positions: &[[f64; 3]], triangles: &mut [[u32; 3]], wanted: &[bool], steps: usize) -> usize {
+/// Turns edges near vertices for which `wanted` holds, up to so many steps away: those are to have six edges at most, the others as near six as can be. Gives how many turns were made, and how many edges meet in every vertex then.
+pub(super) fn even_out(
+    positions: &[[f64; 3]],
+    triangles: &mut [[u32; 3]],
+    wanted: &[bool],
+    steps: usize,
+) -> (usize, Vec<u32>) {
     let mut net = Net::new(positions, triangles, wanted, steps);
-    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().collect();
+    let may_turn = |half: &u32| net.free[net.corner(*half) as usize];
+    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(may_turn).collect();
     while let Some(half) = queue.pop() {
         if net.change(half).is_some_and(|change| change < 0) {
             let [t, s] = net.turn(half);
@@ -78,7 +83,7 @@ pub(super) fn even_out(positions: &[[f64; 3]], triangles: &mut [[u32; 3]], wante
             }
         }
     }
-    net.turns
+    (net.turns, net.valence)
 }
 
 /// Triangles with what is known of their edges and vertices.
@@ -126,7 +131,7 @@ impl<'a> Net<'a> {
             }
         }
         Self {
-            valence: valences(triangles, positions.len()),
+            valence: valences(triangles, &opposite, positions.len()),
             positions,
             triangles,
             wanted,
@@ -312,6 +317,10 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
+    fn valences_of(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
+        valences(triangles, &opposites(triangles), vertices)
+    }
+
     #[test]
     fn a_fan_is_evened_out_and_stays_a_surface() {
         let sheet = grid_sheet(1.0, 1.0, 12, 12);
@@ -331,12 +340,13 @@ mod tests {
             triangles[2 * square] = turned(0);
             triangles[2 * square + 1] = turned(1);
         }
-        let before = valences(&triangles, sheet.positions.len());
+        let before = valences_of(&triangles, sheet.positions.len());
         let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone())
             .unwrap()
             .area();
-        let turns = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
-        let after = valences(&triangles, sheet.positions.len());
+        let (turns, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
+        let after = valences_of(&triangles, sheet.positions.len());
+        assert_eq!(counted, after);
         let mesh = TriangleMesh::try_new(sheet.positions, triangles).unwrap();
         assert!(
             turns > 0 && mesh.check().manifold && mesh.check().oriented,
@@ -356,7 +366,7 @@ mod tests {
     #[test]
     fn valences_count_edges() {
         let ball = icosphere(1.0, 2);
-        let valence = valences(&ball.triangles, ball.positions.len());
+        let valence = valences_of(&ball.triangles, ball.positions.len());
         assert_eq!(valence.iter().filter(|v| **v == 5).count(), 12);
         assert!(valence.iter().all(|v| *v == 5 || *v == 6));
     }
