@@ -60,10 +60,11 @@ pub(super) fn even_out(
     steps: usize,
 ) -> (usize, Vec<u32>) {
     let mut net = Net::new(positions, triangles, wanted, steps);
-    let may_turn = |half: &u32| net.free[net.corner(*half) as usize];
-    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(may_turn).collect();
+    let free = |half: &u32| net.free[net.corner(*half) as usize];
+    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(free).collect();
     while let Some(half) = queue.pop() {
-        if net.change(half).is_some_and(|change| change < 0) {
+        let better = |(change, around)| change < 0 && net.may_turn(around);
+        if net.change(half).is_some_and(better) {
             let [t, s] = net.turn(half);
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
@@ -154,16 +155,16 @@ impl<'a> Net<'a> {
         [half, over, previous_in_triangle(half), previous_in_triangle(over)].map(|h| self.corner(h))
     }
 
-    /// How the sum changes when an edge is turned; none where it must not be.
-    fn change(&self, half: u32) -> Option<i64> {
+    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`Self::around`]); none where it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
+    fn change(&self, half: u32) -> Option<(i64, [u32; 4])> {
         let over = self.opposite[half as usize];
         if over == NONE {
             return None;
         }
-        let [a, b, c, d] = self.around(half, over);
-        if ![a, b, c, d].iter().all(|v| self.free[*v as usize])
+        let around = self.around(half, over);
+        let [a, b, c, d] = around;
+        if !around.iter().all(|v| self.free[*v as usize])
             || c == d
-            || self.edges.contains(&[c.min(d), c.max(d)])
             || self.valence[a as usize] <= 3
             || self.valence[b as usize] <= 3
         {
@@ -178,7 +179,13 @@ impl<'a> Net<'a> {
         };
         let before = off(a, 0) + off(b, 0) + off(c, 0) + off(d, 0);
         let after = off(a, -1) + off(b, -1) + off(c, 1) + off(d, 1);
-        self.stays_flat([a, b, c, d]).then_some(after - before)
+        Some((after - before, around))
+    }
+
+    /// Whether an edge among such vertices may be turned: there is none yet where it would come to lie, and nothing folds.
+    fn may_turn(&self, around: [u32; 4]) -> bool {
+        let [_, _, c, d] = around;
+        !self.edges.contains(&[c.min(d), c.max(d)]) && self.stays_flat(around)
     }
 
     /// Whether the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
@@ -269,41 +276,37 @@ impl<'a> Net<'a> {
 
     /// Turns an edge of a vertex with too many, then one of a vertex that has too many by that, until the sum is less than it was; leaves all as it was where so many turns do not do.
     fn relieve(&mut self, vertex: u32, turns: usize, change: i64) -> bool {
-        let ends: Vec<u32> = self
-            .leaving(vertex)
-            .into_iter()
-            .map(|h| self.corner(next_in_triangle(h)))
-            .collect();
+        let mut leaving = self.leaving(vertex);
+        let ends: Vec<u32> = leaving.iter().map(|h| self.corner(next_in_triangle(*h))).collect();
         for end in ends {
-            let edge = self
-                .leaving(vertex)
-                .into_iter()
-                .find(|h| self.corner(next_in_triangle(*h)) == end);
-            let Some((edge, more)) = edge.and_then(|h| Some((h, self.change(h)?))) else {
+            let edge = (leaving.iter()).find(|h| self.corner(next_in_triangle(**h)) == end);
+            let Some((edge, (more, around))) = edge.and_then(|h| Some((*h, self.change(*h)?))) else {
                 continue;
             };
+            let [_, _, c, d] = around;
+            let full = |v: u32| self.valence[v as usize] >= 6 && self.wanted[v as usize];
+            let helps = change + more < 0;
+            if !helps && (turns == 1 || !(full(c) || full(d))) || !self.may_turn(around) {
+                continue;
+            }
             let [t, s] = self.turn(edge);
-            // Its ends now. Triangles change places when turns are taken back.
-            let (c, d) = (self.corner(3 * t), self.corner(3 * s));
-            if change + more < 0 {
+            if helps {
                 return true;
             }
-            if turns > 1 {
-                for v in [c, d] {
-                    let full = self.valence[v as usize] > 6 && self.wanted[v as usize];
-                    if full && self.relieve(v, turns - 1, change + more) {
-                        return true;
-                    }
+            // Its ends now. Triangles change places when turns are taken back.
+            let (c, d) = (self.corner(3 * t), self.corner(3 * s));
+            for v in [c, d] {
+                let full = self.valence[v as usize] > 6 && self.wanted[v as usize];
+                if full && self.relieve(v, turns - 1, change + more) {
+                    return true;
                 }
             }
-            let back = self
-                .leaving(c)
-                .into_iter()
-                .find(|h| self.corner(next_in_triangle(*h)) == d);
+            let back = (self.leaving(c).into_iter()).find(|h| self.corner(next_in_triangle(*h)) == d);
             if let Some(back) = back {
                 self.turn(back);
             }
             self.turns -= 2;
+            leaving = self.leaving(vertex);
         }
         false
     }
