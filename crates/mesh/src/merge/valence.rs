@@ -42,6 +42,8 @@ const LIMITS: [Limits; 3] = [
         in_a_row: 7,
     },
 ];
+/// What lies so many edges away is near.
+const NEAR: usize = 3;
 /// So many turns are tried for one vertex.
 const MOST_TRIED: usize = 5_000;
 /// How much more edges beyond six count where they are not wanted.
@@ -77,15 +79,26 @@ pub(super) fn even_out(
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
-    // What no single turn betters, some in a row may.
+    // What no single turn betters, some in a row may. Where they do not, they are tried again once something near has changed.
     for limits in LIMITS {
         net.limits = limits;
+        let mut changes = 1;
+        let mut changed = vec![1; positions.len()];
+        let mut tried = vec![0; positions.len()];
         loop {
             let before = net.turns;
             for v in 0..positions.len() as u32 {
-                if wanted[v as usize] && net.valence[v as usize] > 6 {
-                    net.tried = 0;
-                    net.relieve(v, limits.in_a_row, 0);
+                let at = v as usize;
+                if !wanted[at] || net.valence[at] <= 6 || !net.any_near(v, |w| changed[w as usize] > tried[at]) {
+                    continue;
+                }
+                (net.tried, tried[at]) = (0, changes);
+                net.trail.clear();
+                if net.relieve(v, limits.in_a_row, 0) {
+                    changes += 1;
+                    for w in net.trail.iter().flatten() {
+                        changed[*w as usize] = changes;
+                    }
                 }
             }
             if net.turns == before {
@@ -113,6 +126,8 @@ struct Net<'a> {
     turns: usize,
     /// Turns tried since a vertex was begun with.
     tried: usize,
+    /// The vertices of turns in a row that were not taken back.
+    trail: Vec<[u32; 4]>,
 }
 
 impl<'a> Net<'a> {
@@ -155,6 +170,7 @@ impl<'a> Net<'a> {
             limits: LIMITS[0],
             turns: 0,
             tried: 0,
+            trail: Vec::new(),
         }
     }
 
@@ -286,6 +302,24 @@ impl<'a> Net<'a> {
         all
     }
 
+    /// Whether something holds of a vertex or one near it.
+    fn any_near(&self, vertex: u32, holds: impl Fn(u32) -> bool) -> bool {
+        let mut near = vec![vertex];
+        let mut ring = 0..1;
+        for _ in 0..NEAR {
+            for k in ring.clone() {
+                for half in self.leaving(near[k]) {
+                    let end = self.corner(next_in_triangle(half));
+                    if !near.contains(&end) {
+                        near.push(end);
+                    }
+                }
+            }
+            ring = ring.end..near.len();
+        }
+        near.into_iter().any(holds)
+    }
+
     /// Turns an edge of a vertex with too many, then one of a vertex that has too many by that, until the sum is less than it was; leaves all as it was where so many turns do not do.
     fn relieve(&mut self, vertex: u32, turns: usize, change: i64) -> bool {
         let mut leaving = self.leaving(vertex);
@@ -306,6 +340,7 @@ impl<'a> Net<'a> {
             }
             self.tried += 1;
             let [t, s] = self.turn(edge);
+            self.trail.push(around);
             if helps {
                 return true;
             }
@@ -322,6 +357,7 @@ impl<'a> Net<'a> {
                 self.turn(back);
             }
             self.turns -= 2;
+            self.trail.pop();
             leaving = self.leaving(vertex);
         }
         false
