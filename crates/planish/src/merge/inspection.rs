@@ -152,7 +152,14 @@ pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[Strin
         }
     }
     match best {
-        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
+        Some((d, i, j)) => {
+            // Things may be a thousandth of a unit large.
+            let d = match d {
+                d if d > 0.0 && d < 1e-3 => format!("{d:.2e}"),
+                d => format!("{d:.3}"),
+            };
+            format!("{} and {} come within {d} {unit}", names[i], names[j])
+        }
         None => "they have no places".to_owned(),
     }
 }
