@@ -169,7 +169,7 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
         (
             "merge a.obj part.step -o w.ply",
-            4,
+            2,
             "part.step: faces of CAD files are not read",
         ),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
@@ -297,9 +297,13 @@ fn the_scale_of_a_thing_does_not_matter() {
             .ok()
             .json();
         assert_eq!(found["parts"], 1, "{found:#}");
-        (found["triangles"].clone(), found["boundary_edges"].clone())
+        assert_eq!(found["boundary_edges"], 144, "{found:#}");
+        found["triangles"].as_f64().expect("a number")
     });
-    assert!(merged[0] == merged[1] && merged[0] == merged[2], "{merged:?}");
+    // Rounding decides which patch has places that both have equally.
+    for other in &merged[1..] {
+        assert!((other / merged[0] - 1.0).abs() < 0.02, "{merged:?}");
+    }
 }
 
 /// What no patch covers is the bound's, flagged as completed.
