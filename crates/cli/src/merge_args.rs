@@ -48,7 +48,7 @@ impl From<MethodName> for MergeMethod {
 #[derive(Debug, Args)]
 #[command(after_help = MERGE_EXAMPLES)]
 pub struct MergeArgs {
-    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .glb), scans in rows and columns, lists of scans (.conf, .toml)
+    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .off, .glb), scans in rows and columns, lists of scans (.conf, .toml)
     #[arg(value_name = "PATCH", required = true, value_hint = ValueHint::FilePath)]
     pub patches: Vec<PathBuf>,
     /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl; .step or .planish as one spline); may be repeated

@@ -149,6 +149,14 @@ fn what_cannot_be_merged_is_named() {
     zone(&path("far.obj"), -60.0, 10.0, 0.0, 2.0, false);
     std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
     std::fs::write(path("points.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("a file");
+    for (name, text) in [
+        ("empty.obj", ""),
+        ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"),
+        ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        ("part.step", "ISO-10303-21;\n"),
+    ] {
+        std::fs::write(path(name), text).expect("a file");
+    }
     for (line, code, words) in [
         ("merge a.obj -o w.ply", 2, "two patches"),
         ("merge a.obj far.obj -o w.ply", 1, "overlap"),
@@ -156,6 +164,14 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj far.obj -o w.tif", 2, "a mesh or a spline"),
         ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
         ("merge a.obj none.obj", 3, "none.obj"),
+        ("merge a.obj empty.obj -o w.ply", 2, "empty.obj: the file is empty"),
+        ("merge a.obj nan.obj -o w.ply", 2, "nan.obj: line 2"),
+        ("merge a.obj line.obj -o w.ply", 1, "overlap"),
+        (
+            "merge a.obj part.step -o w.ply",
+            2,
+            "part.step: faces of CAD files are not read",
+        ),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
         (
             "merge a.obj copy.obj -o w.ply",
@@ -270,6 +286,26 @@ fn a_patch_that_crosses_itself_is_named() {
     );
 }
 
+/// A thing of kilometres, and one of nanometres, is merged as one of millimetres.
+#[test]
+fn the_scale_of_a_thing_does_not_matter() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let merged = [1.0, 1e6, 1e-6].map(|scale| {
+        zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, scale, false);
+        zone(&folder.path().join("b.obj"), -20.0, 60.0, 2.3, scale, false);
+        let found = planish(folder.path(), &["merge", "a.obj", "b.obj", "-o", "w.ply", "--json"])
+            .ok()
+            .json();
+        assert_eq!(found["parts"], 1, "{found:#}");
+        assert_eq!(found["boundary_edges"], 144, "{found:#}");
+        found["triangles"].as_f64().expect("a number")
+    });
+    // Rounding decides which patch has places that both have equally.
+    for other in &merged[1..] {
+        assert!((other / merged[0] - 1.0).abs() < 0.02, "{merged:?}");
+    }
+}
+
 /// What no patch covers is the bound's, flagged as completed.
 #[test]
 fn a_bound_stands_where_no_patch_is() {
@@ -294,6 +330,13 @@ fn a_bound_stands_where_no_patch_is() {
         read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI,
         "{read:#}"
     );
+    // Patches that face inwards are turned over.
+    zone(&path("a_in.obj"), -60.0, 20.0, 0.0, 1.0, true);
+    zone(&path("b_in.obj"), -20.0, 60.0, 2.3, 1.0, true);
+    let inwards = run("merge a_in.obj b_in.obj --complete bound.obj -o in.ply --json").ok();
+    let turned = inwards.json();
+    assert_eq!(turned["completed"]["vertices"].as_u64(), Some(of_bound), "{turned:#}");
+    assert!(turned.to_string().contains("faced inwards"), "{turned:#}");
     let refused = run("merge a.obj b.obj --complete none.obj -o x.ply");
     assert!(
         refused.code == 3 && refused.stderr.contains("none.obj"),

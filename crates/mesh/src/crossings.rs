@@ -2,7 +2,7 @@
 //!
 //! Comes in: a [`MeshSearch`]. Goes out: how many pairs of triangles cross, and the first of them. Not guaranteed: triangles that share a vertex, or lie in one plane, are not compared; what touches does not cross.
 
-use crate::bvh::{Bvh, MAX_DEPTH, Node};
+use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
 use rayon::prelude::*;
@@ -55,6 +55,7 @@ impl MeshSearch {
     fn crossings_of(&self, leaf: &Node) -> SelfCrossings {
         let Bvh { nodes, corners, .. } = &self.bvh;
         let mine = leaf.first..leaf.first + leaf.count;
+        let of_mine: Vec<[[f64; 3]; 2]> = mine.clone().map(|slot| box_of(&corners[slot as usize])).collect();
         let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
@@ -63,7 +64,7 @@ impl MeshSearch {
             height -= 1;
             looked_at += 1;
             let node = &nodes[stack[height] as usize];
-            if !meet(leaf, node) {
+            if !meet(&[leaf.min, leaf.max], &[node.min, node.max]) {
                 continue;
             }
             if node.count == 0 {
@@ -73,12 +74,19 @@ impl MeshSearch {
                 continue;
             }
             for there in node.first..node.first + node.count {
+                if there <= leaf.first {
+                    continue;
+                }
                 let theirs = &corners[there as usize];
-                for here in mine.clone().take_while(|here| *here < there) {
-                    let ours = &corners[here as usize];
-                    if !boxes_meet(ours, theirs) {
+                let of_theirs = box_of(theirs);
+                if !meet(&[leaf.min, leaf.max], &of_theirs) {
+                    continue;
+                }
+                for (here, of_ours) in mine.clone().zip(&of_mine).take_while(|(here, _)| *here < there) {
+                    if !meet(of_ours, &of_theirs) {
                         continue;
                     }
+                    let ours = &corners[here as usize];
                     let numbers = [here, there].map(|slot| self.bvh.triangles[slot as usize]);
                     let [a, b] = numbers.map(|t| self.vertices[t as usize]);
                     if a.iter().any(|v| b.contains(v)) {
@@ -95,16 +103,14 @@ impl MeshSearch {
     }
 }
 
-fn meet(a: &Node, b: &Node) -> bool {
-    (0..3).all(|k| a.min[k] <= b.max[k] && b.min[k] <= a.max[k])
+/// Whether two boxes meet, each given by its least and its greatest coordinates.
+fn meet(a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]) -> bool {
+    (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
 }
 
-fn boxes_meet(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> bool {
-    (0..3).all(|k| {
-        let least = |t: &[[f64; 3]; 3]| t[0][k].min(t[1][k]).min(t[2][k]);
-        let most = |t: &[[f64; 3]; 3]| t[0][k].max(t[1][k]).max(t[2][k]);
-        least(a) <= most(b) && least(b) <= most(a)
-    })
+fn box_of(t: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
+    let of = |pick: fn(f64, f64) -> f64| std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k]));
+    [of(lesser), of(greater)]
 }
 
 /// Where an edge of one triangle goes through the other.

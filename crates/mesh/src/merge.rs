@@ -272,9 +272,9 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             stitched[*v as usize] = true;
         }
     }
-    let turned = valence::even_out(&positions, &mut triangles, &stitched, BESIDE_SEAMS);
+    let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched, BESIDE_SEAMS);
     let mut histogram = Vec::new();
-    for (v, n) in valence::valences(&triangles, positions.len()).into_iter().enumerate() {
+    for (v, n) in valence.into_iter().enumerate() {
         if stitched[v] {
             histogram.resize(histogram.len().max(n as usize + 1), 0);
             histogram[n as usize] += 1;

@@ -24,7 +24,7 @@ use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
-use completion::completed;
+use completion::{completed, facing_in_words};
 use inspection::{crossings, leave_out_copies, nearest, turn_alike};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -281,6 +281,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let completed = match &bound {
         Some(bound) => {
             let completed = completed(&sewn, &bound.tidied.patch, options.fill)?;
+            warnings.extend(facing_in_words(completed.facing, &bound.name));
             sewn = joined(&sewn, completed.whole, patches.len() as u32);
             Some(CompletionReport {
                 name: bound.name.clone(),

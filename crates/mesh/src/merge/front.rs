@@ -122,9 +122,14 @@ impl Border {
             border.next[edge as usize] = next;
             border.previous[next as usize] = edge;
         }
+        let last = triangles.iter().flatten().max().map_or(0, |v| *v as usize + 1);
+        let mut on_border = vec![false; last];
+        for v in &border.from {
+            on_border[*v as usize] = true;
+        }
         for half in 0..opposite.len() as u32 {
             let (a, b) = (corner(half), corner(next_in_triangle(half)));
-            if border.leaving.contains_key(&a) && border.leaving.contains_key(&b) {
+            if on_border[a as usize] && on_border[b as usize] {
                 border.edges.insert([a.min(b), a.max(b)]);
             }
         }

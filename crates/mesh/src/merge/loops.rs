@@ -71,12 +71,15 @@ pub(super) fn close_loops(
         .into_iter()
         .filter(|l| l.len() <= longest && may_close(l))
         .collect();
-    let on_loop: HashSet<u32> = loops.iter().flatten().copied().collect();
+    let mut on_loop = vec![false; positions.len()];
+    for v in loops.iter().flatten() {
+        on_loop[*v as usize] = true;
+    }
     let mut edges: HashSet<[u32; 2]> = HashSet::new();
     for t in triangles.iter() {
         for k in 0..3 {
             let (a, b) = (t[k], t[(k + 1) % 3]);
-            if on_loop.contains(&a) && on_loop.contains(&b) {
+            if on_loop[a as usize] && on_loop[b as usize] {
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
@@ -84,7 +87,7 @@ pub(super) fn close_loops(
     // The border of a lone triangle is no hole.
     let alone: HashSet<[u32; 3]> = triangles
         .iter()
-        .filter(|t| t.iter().all(|v| on_loop.contains(v)))
+        .filter(|t| t.iter().all(|v| on_loop[*v as usize]))
         .map(|t| sorted(*t))
         .collect();
     let mut closed = 0;

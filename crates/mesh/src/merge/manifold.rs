@@ -22,7 +22,7 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
         .zip(mesh.triangles.iter().copied())
         .filter(|(_, t)| !is_collapsed(*t))
         .unzip();
-    loop {
+    let table = loop {
         let table = EdgeTable::of(&triangles);
         let mut drop = vec![false; triangles.len()];
         for edge in 0..table.len() {
@@ -37,14 +37,15 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
             }
         }
         if !drop.contains(&true) {
-            break;
+            break table;
         }
         let mut dropped = drop.iter();
         triangles.retain(|_| dropped.next() == Some(&false));
         let mut dropped = drop.iter();
         numbers.retain(|_| dropped.next() == Some(&false));
-    }
-    let (triangles, source) = one_fan_each(triangles, mesh.positions.len());
+    };
+    let opposite = opposites_of(&table, triangles.len());
+    let (triangles, source) = parted(triangles, &opposite, mesh.positions.len());
     let positions = source.iter().map(|&v| mesh.positions[v as usize]).collect();
     Manifold {
         mesh: TriangleMesh { positions, triangles },
@@ -54,8 +55,12 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
 }
 
 /// Triangles over new vertices, one for each fan, and the old vertex of each.
-pub(super) fn one_fan_each(mut triangles: Vec<[u32; 3]>, vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
+pub(super) fn one_fan_each(triangles: Vec<[u32; 3]>, vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let opposite = opposites(&triangles);
+    parted(triangles, &opposite, vertices)
+}
+
+fn parted(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let mut new_of_corner = vec![u32::MAX; 3 * triangles.len()];
     let mut source: Vec<u32> = Vec::with_capacity(vertices);
     for corner in 0..new_of_corner.len() as u32 {
@@ -98,8 +103,11 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the border.
 pub(super) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
-    let table = EdgeTable::of(triangles);
-    let mut opposite = vec![NONE; 3 * triangles.len()];
+    opposites_of(&EdgeTable::of(triangles), triangles.len())
+}
+
+fn opposites_of(table: &EdgeTable, triangles: usize) -> Vec<u32> {
+    let mut opposite = vec![NONE; 3 * triangles];
     for edge in 0..table.len() {
         if let [a, b] = *table.half_edges(edge) {
             opposite[a as usize] = b;

@@ -1,11 +1,12 @@
 //! What no patch covers, taken from a surface that bounds the thing.
 //!
-//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not guaranteed: that the thing is as large there as what bounds it; anything where patches face inwards.
+//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not guaranteed: that the thing is as large there as what bounds it; anything where it cannot be told which way a part of the patches faces ([`Facing::untold`]).
 
-use planish_estimate::vector3::distance;
+use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
 use planish_mesh::{Fused, MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, zipped};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// Under patches and over them, the bound is left out up to so many of its edges away.
 const OVER: f64 = 6.0;
@@ -23,6 +24,20 @@ const NOTCH: usize = 8;
 /// Triangles are looked at in so many places along an edge at most.
 const MOST_STEPS: usize = 32;
 
+/// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the bound is larger than this.
+const FACES: f64 = 0.1;
+/// So many places of a part tell, and a few more.
+const LOOKED_AT: usize = 5000;
+
+/// Which way parts of the patches face, beside a bound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Facing {
+    /// Connected parts that faced inwards, and were turned over.
+    pub turned: usize,
+    /// Parts of which it cannot be told; they stay as they are.
+    pub untold: usize,
+}
+
 /// A whole and how much of it is the bound's.
 pub(super) struct Completed {
     /// The whole; patch 0 of its sources is what was merged, 1 the bound.
@@ -31,9 +46,11 @@ pub(super) struct Completed {
     pub vertices: usize,
     /// Triangles that were carved away, as they reached out of the bound.
     pub carved: usize,
+    /// Which way the patches faced.
+    pub facing: Facing,
 }
 
-/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are carved away.
+/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches that face against the bound are turned over.
 pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<Completed> {
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
@@ -42,12 +59,11 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<C
     if volume.is_some_and(|volume| volume < 0.0) {
         mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     }
-    let limits = match volume {
-        Some(_) => Some((MeshSearch::try_new(&mesh)?, edge)),
-        None => None,
-    };
-    let limits = limits.as_ref().map(|(search, edge)| (search, *edge));
-    let (first, source, mut carved) = within(&merged.mesh, &merged.sigma, limits)?;
+    let bound_search = MeshSearch::try_new(&mesh)?;
+    let mut patches = merged.mesh.clone();
+    let facing = face_as(&mut patches, &bound_search);
+    let limits = volume.is_some().then_some((&bound_search, edge));
+    let (first, source, mut carved) = within(&patches, &merged.sigma, limits)?;
     let search = MeshSearch::try_new(&first.mesh)?;
     let normals = mesh.vertex_normals();
     let covered: Vec<bool> = (mesh.positions.par_iter().zip(&normals))
@@ -106,7 +122,80 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<C
         whole,
         vertices,
         carved,
+        facing,
     })
+}
+
+/// What a user should know of which way patches faced.
+pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
+    let parts = |count: usize| match count {
+        1 => "one part of the patches".to_owned(),
+        count => format!("{count} parts of the patches"),
+    };
+    let mut words = Vec::new();
+    if facing.turned > 0 {
+        words.push(format!(
+            "{} faced inwards, told by {bound}: turned over",
+            parts(facing.turned)
+        ));
+    }
+    if facing.untold > 0 {
+        words.push(format!(
+            "which way {} faces cannot be told by {bound}: what completes it is right only where it faces outwards",
+            parts(facing.untold)
+        ));
+    }
+    words
+}
+
+/// Turns over the connected parts of a mesh whose normals are against those of the bound's nearest places.
+fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
+    let part = parts_of(mesh);
+    let normals = mesh.vertex_normals();
+    let step = (mesh.positions.len() / LOOKED_AT).max(1);
+    let cosines: Vec<f64> = (mesh.positions.par_iter().zip(&normals).enumerate())
+        .map(|(v, (p, n))| match v % step {
+            0 => bound.closest(*p).map_or(0.0, |foot| dot(foot.normal, *n)),
+            _ => 0.0,
+        })
+        .collect();
+    let mut sums: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+    for t in &mesh.triangles {
+        for v in t.map(|v| v as usize).into_iter().filter(|v| v % step == 0) {
+            let (sum, count) = sums.entry(part[v]).or_default();
+            *sum += cosines[v];
+            *count += 1.0;
+        }
+    }
+    let against = |t: &[u32; 3]| (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -FACES * count);
+    for t in &mut mesh.triangles {
+        if against(t) {
+            t.swap(1, 2);
+        }
+    }
+    Facing {
+        turned: sums.values().filter(|(sum, count)| *sum < -FACES * count).count(),
+        untold: sums.values().filter(|(sum, count)| sum.abs() <= FACES * count).count(),
+    }
+}
+
+/// For each vertex, the least vertex that it hangs together with.
+fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
+    fn root(of: &mut [u32], mut v: u32) -> u32 {
+        while of[v as usize] != v {
+            of[v as usize] = of[of[v as usize] as usize];
+            v = of[v as usize];
+        }
+        v
+    }
+    let mut of: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    for [a, b, c] in &mesh.triangles {
+        for other in [b, c] {
+            let (one, two) = (root(&mut of, *a), root(&mut of, *other));
+            of[one.max(two) as usize] = one.min(two);
+        }
+    }
+    (0..of.len() as u32).map(|v| root(&mut of, v)).collect()
 }
 
 /// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs was, and how many are left out.
@@ -149,48 +238,65 @@ mod tests {
     use planish_estimate::vector3::norm;
     use planish_mesh::icosphere;
 
-    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces inwards.
+    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces inwards; patches that face inwards are turned over.
     #[test]
     fn holes_are_closed_by_the_bound_and_patches_stay() {
-        let mut ball = icosphere(10.0, 4);
-        // What reaches far out of the bound is carved away.
-        let far = ball.positions.len() as u32;
-        ball.positions
-            .extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
-        ball.triangles
-            .retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
-        ball.triangles.push([far, far + 1, far + 2]);
-        let patch = Patch::tidy(&ball, &vec![0.02; ball.positions.len()]).unwrap().patch;
-        let mut bound = icosphere(10.3, 4);
-        bound.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        let count = patch.mesh.positions.len();
-        let merged = Zipped {
-            source: vec![(0, 0); count],
-            stitched: vec![false; count],
-            kept: patch.mesh.triangles.len(),
-            holes_closed: 0,
-            turned: 0,
-            valence: Vec::new(),
-            mesh: patch.mesh,
-            sigma: patch.sigma,
-        };
-        let done = completed(
-            &merged,
-            &Patch {
+        for inwards in [false, true] {
+            let mut ball = icosphere(10.0, 4);
+            // What reaches far out of the bound is carved away.
+            let far = ball.positions.len() as u32;
+            ball.positions
+                .extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
+            ball.triangles
+                .retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
+            ball.triangles.push([far, far + 2, far + 1]);
+            let turn = |mesh: &mut TriangleMesh| mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+            if inwards {
+                turn(&mut ball);
+            }
+            let patch = Patch::tidy(&ball, &vec![0.02; ball.positions.len()]).unwrap().patch;
+            let mut bound = icosphere(10.3, 4);
+            turn(&mut bound);
+            let count = patch.mesh.positions.len();
+            let merged = Zipped {
+                source: vec![(0, 0); count],
+                stitched: vec![false; count],
+                kept: patch.mesh.triangles.len(),
+                holes_closed: 0,
+                turned: 0,
+                valence: Vec::new(),
+                mesh: patch.mesh,
+                sigma: patch.sigma,
+            };
+            let bound = Patch {
                 mesh: bound,
                 sigma: Vec::new(),
-            },
-            0,
-        )
-        .unwrap();
-        let check = done.whole.mesh.check();
-        assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");
-        assert!(done.vertices > 100);
-        for (p, (source, _)) in done.whole.mesh.positions.iter().zip(&done.whole.source) {
-            let radius = if *source == 0 { 10.0 } else { 10.3 };
-            assert!((norm(*p) - radius).abs() < 1e-9, "{p:?}");
+            };
+            let done = completed(&merged, &bound, 0).unwrap();
+            let check = done.whole.mesh.check();
+            assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");
+            assert!(done.whole.mesh.signed_volume().unwrap() > 0.0);
+            assert!(done.vertices > 100);
+            for (p, (source, _)) in done.whole.mesh.positions.iter().zip(&done.whole.source) {
+                let radius = if *source == 0 { 10.0 } else { 10.3 };
+                assert!((norm(*p) - radius).abs() < 1e-9, "{p:?}");
+            }
+            let kept = done.whole.source.iter().filter(|(source, _)| *source == 0).count();
+            assert_eq!((kept, done.carved), (count - 3, 1));
+            // The ball, and the triangle far off.
+            let turned = if inwards { 2 } else { 0 };
+            assert_eq!(done.facing, Facing { turned, untold: 0 });
         }
-        let kept = done.whole.source.iter().filter(|(source, _)| *source == 0).count();
-        assert_eq!((kept, done.carved), (count - 3, 1));
+    }
+
+    /// A sheet on edge to the bound faces neither way.
+    #[test]
+    fn what_stands_on_edge_is_not_told() {
+        let mut upright = planish_mesh::grid_sheet(4.0, 4.0, 5, 5);
+        upright.positions.iter_mut().for_each(|p| *p = [0.0, p[0], p[1]]);
+        let before = upright.clone();
+        let search = MeshSearch::try_new(&icosphere(10.0, 3)).unwrap();
+        assert_eq!(face_as(&mut upright, &search), Facing { turned: 0, untold: 1 });
+        assert_eq!(upright, before);
     }
 }

@@ -84,19 +84,21 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
     let mut agree = vec![0.0; count * count];
     for i in 0..count {
         let mesh = &patches[i].mesh;
-        let normals = mesh.vertex_normals();
         let step = (mesh.positions.len() / LOOKED_AT).max(1);
         let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
         let reach = match mesh.bounding_box() {
             Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
             _ => edges,
         };
-        for v in (0..mesh.positions.len()).step_by(step) {
+        for p in mesh.positions.iter().step_by(step) {
+            let Some(here) = searches[i].closest_within(*p, edges) else {
+                continue;
+            };
             for j in (0..count).filter(|j| *j != i) {
-                if let Some(foot) = searches[j].closest_within(mesh.positions[v], reach)
+                if let Some(foot) = searches[j].closest_within(*p, reach)
                     && !foot.on_boundary
                 {
-                    let cosine = dot(normals[v], foot.normal);
+                    let cosine = dot(here.normal, foot.normal);
                     agree[i * count + j] += cosine;
                     agree[j * count + i] += cosine;
                 }
@@ -150,7 +152,14 @@ pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[Strin
         }
     }
     match best {
-        Some((d, i, j)) => format!("{} and {} come within {d:.3} {unit}", names[i], names[j]),
+        Some((d, i, j)) => {
+            // Things may be a thousandth of a unit large.
+            let d = match d {
+                d if d > 0.0 && d < 1e-3 => format!("{d:.2e}"),
+                d => format!("{d:.3}"),
+            };
+            format!("{} and {} come within {d} {unit}", names[i], names[j])
+        }
         None => "they have no places".to_owned(),
     }
 }

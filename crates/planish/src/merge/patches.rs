@@ -49,7 +49,7 @@ pub struct PatchSet {
 /// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches.
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for files of CAD.
 pub fn read_patches(
     paths: &[PathBuf],
     bound: Option<&PathBuf>,
@@ -90,6 +90,11 @@ pub fn read_patches(
             let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
             let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
             read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, of_file.or(unit)));
+        } else if matches!(extension(path).as_str(), "step" | "stp" | "iges" | "igs") {
+            return Err(Error::unsupported(format!(
+                "{}: faces of CAD files are not read: write them as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart",
+                path.display()
+            )));
         } else {
             let scans = read_inputs(&[path], unit)?;
             set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
@@ -254,5 +259,18 @@ fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Vie
         for t in triangles {
             t.swap(1, 2);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_cad_are_refused_with_a_way_out() {
+        let refused = read_patches(&[PathBuf::from("part.STEP")], None, None, None).unwrap_err();
+        assert_eq!(refused.kind(), planish_estimate::ErrorKind::Unsupported);
+        let said = refused.to_string();
+        assert!(said.contains("part.STEP") && said.contains(".stl"), "{said}");
     }
 }
