@@ -2,6 +2,7 @@
 //!
 //! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
+use super::choice::chosen_points;
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
 use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
@@ -37,6 +38,8 @@ const COARSE_POINTS: (usize, usize) = (12, 5000);
 const COARSE_REACH: f64 = 4.0;
 /// A step of so many σ, in the mean over the unknowns, is none.
 const SETTLED: f64 = 0.1;
+/// The same in a coarse field, which only finds where the next one starts.
+const NEAR: f64 = 0.5;
 /// One facet in so many may be turned the wrong way where outlines are fitted.
 const TURNED: usize = 50;
 
@@ -194,11 +197,12 @@ pub(super) fn solve(
     // Parameters that are no displacements have other units.
     let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
-    let few = spread_choice(
-        readings.points.len(),
-        (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1),
-    );
+    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
+    let few = chosen_points(readings.points, enough, &bounds);
+    let all = chosen_points(readings.points, usize::MAX, &bounds);
     for step in 0..options.steps {
+        let coarse = step + 1 < options.steps;
         let share = if options.steps > 1 {
             step as f64 / (options.steps - 1) as f64
         } else {
@@ -216,17 +220,22 @@ pub(super) fn solve(
             deformation,
             readings,
             shell: ShellOptions {
-                reach: Some(if step + 1 < options.steps { COARSE_REACH } else { REACH }),
+                reach: Some(if coarse { COARSE_REACH } else { REACH }),
                 oriented,
                 ..ShellOptions::new(options.metaball, 1.0 / softness)
             },
             slots: &slots,
-            chosen: (step + 1 < options.steps).then_some(few.as_deref()).flatten(),
+            chosen: if coarse { &few } else { &all },
         };
         let mut damping = 1e-3;
         termination = Termination::Limit;
-        let mut equations = problem.equations(&state, None)?;
+        let first = Weighing {
+            loss: &options.loss,
+            factors,
+        };
+        let mut equations = problem.equations(&state, (step > 0).then_some(first))?;
         let mut weight = 0.0;
+        let mut length_before = f64::INFINITY;
         for _ in 0..options.iterations {
             iterations += 1;
             if !options.believe_sigma {
@@ -265,7 +274,8 @@ pub(super) fn solve(
                 let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
                 if after <= before * (1.0 + 1e-12) {
                     let length = (change.dot(&(&wanted * &change)) / change.len() as f64).sqrt();
-                    shorter = length < SETTLED || before - after < 1e-6 * before;
+                    shorter = is_settled(length, length_before, coarse) || before - after < 1e-6 * before;
+                    length_before = length;
                     accepted = Some((next, tried));
                     damping = (damping * 0.1).max(1e-9);
                     break;
@@ -385,20 +395,11 @@ fn source_fit(
     }
 }
 
-/// About `wanted` of `count` readings, spread evenly whatever their order; `None` for all.
-fn spread_choice(count: usize, wanted: usize) -> Option<Vec<u32>> {
-    if count <= wanted {
-        return None;
-    }
-    let share = wanted as f64 / count as f64;
-    // Multiples of the golden ratio's fraction would follow the rows of a grid: a hash does not.
-    let hashed = |i: u32| {
-        let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (x >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    Some((0..count as u32).filter(|i| hashed(*i) < share).collect())
+/// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are, if each shrinks as this one did.
+fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
+    let limit = if coarse { NEAR } else { SETTLED };
+    let ratio = length / before;
+    length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < limit)
 }
 
 /// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.
