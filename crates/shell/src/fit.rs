@@ -15,6 +15,7 @@
 //! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards first ([`outward`]).
 
 mod choice;
+mod dense;
 mod equations;
 mod outward;
 mod problem;

@@ -3,6 +3,7 @@
 //! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
 use super::choice::chosen_points;
+use super::dense::Factor;
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
 use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
@@ -31,7 +32,7 @@ const LONGEST: f64 = 0.03;
 /// Residuals that a scale needs.
 const LEAST_READINGS: usize = 8;
 /// Of more unknowns no redundancy is counted: it costs as much as the fit.
-const MOST_COUNTED: usize = 1500;
+const MOST_COUNTED: usize = 3000;
 /// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the sharp one starts.
 const COARSE_POINTS: (usize, usize) = (12, 5000);
 /// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts that start far away are lost more often.
@@ -329,7 +330,7 @@ fn finished(
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     let data_information = known.without_poses(&state, &pass)?.information;
     let (information, _) = known.add(&state, weight, &pass);
-    let covariance = information.cholesky().ok_or_else(undetermined)?.inverse();
+    let covariance = Factor::of(&information).ok_or_else(undetermined)?.inverse();
     let mut pose_covariances = vec![None; state.cameras.len()];
     for (slot, (view, _)) in known.poses.iter().enumerate() {
         let at = parameters + 6 * slot;
@@ -399,7 +400,7 @@ fn source_fit(
 fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
     let limit = if coarse { NEAR } else { SETTLED };
     let ratio = length / before;
-    length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < limit)
+    length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < 0.5 * limit)
 }
 
 /// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.
@@ -430,7 +431,7 @@ fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
     if wanted.nrows() > MOST_COUNTED {
         return 0.0;
     }
-    (wanted.clone().cholesky()).map_or(0.0, |factor| factor.inverse().component_mul(information).sum())
+    Factor::of(wanted).map_or(0.0, |factor| factor.inverse().dot(information))
 }
 
 fn moved(state: &State, change: &DVector<f64>, known: &Known<'_>) -> State {
@@ -467,5 +468,5 @@ fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> 
         let own = damped[(k, k)];
         damped[(k, k)] += damping * own.max(1e-12 * mean);
     }
-    Ok(damped.cholesky().ok_or_else(undetermined)?.solve(right))
+    Ok(Factor::of(&damped).ok_or_else(undetermined)?.solve(right))
 }
