@@ -5,6 +5,7 @@
 use super::choice::chosen_points;
 use super::dense::Factor;
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
+use super::misfit::{Misfit, Residual};
 use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
 use super::readings::{PoseNoise, ShellReadings};
@@ -255,7 +256,7 @@ pub(super) fn solve(
                 deformation,
                 known.poses.len(),
                 &options.loss,
-                &factors,
+                (&factors, &[1.0; SCALES]),
                 true,
             );
             let alone = known.without_poses(&state, &pass)?;
@@ -324,7 +325,9 @@ fn finished(
     let loss = &known.options.loss;
     let poses = known.poses.len();
     let parameters = state.q.len();
-    let mut pass = sum(equations, deformation, poses, loss, factors, false);
+    let misfits = misfits(equations, factors, known);
+    let together = misfits.map(|misfit| misfit.together);
+    let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
     // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
     let moments = loss.moments(1)?;
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
@@ -349,10 +352,40 @@ fn finished(
         cameras: state.cameras,
         pose_covariances,
         smoothness_weight: weight,
+        lack_of_fit: Misfit::sigma(&misfits),
         data_information,
         termination: Termination::Limit,
         iterations: 0,
     })
+}
+
+/// What residuals of points and of outlines have in common.
+fn misfits(equations: &[Equations], factors: &[f64; SCALES], known: &Known<'_>) -> [Misfit; SCALES] {
+    let readings = known.readings;
+    // Pixels of one view lie in a plane, and views far from one another.
+    let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
+        .flat_map(|(v, view)| (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64]))
+        .collect();
+    let of = |source: Source| {
+        let factor = factors[source.scale()];
+        let residuals: Vec<Residual> = (equations.iter().flat_map(|some| &some.list))
+            .filter(|e| e.source == source && known.options.loss.weight(e.normalized() / factor) >= NOTHING)
+            .map(|e| Residual {
+                at: match source {
+                    Source::Point => readings.points[e.reading as usize].at,
+                    _ => pixels[e.reading as usize],
+                },
+                distance: e.distance,
+                sigma: e.sigma,
+            })
+            .collect();
+        Misfit::of(&residuals)
+    };
+    let mut all = [Misfit::NONE; SCALES];
+    for source in [Source::Point, Source::Outline] {
+        all[source.scale()] = of(source);
+    }
+    all
 }
 
 fn source_fit(
