@@ -133,6 +133,20 @@ def sees(place, depth, camera):
     return ok & (inside[:, 2] < found + 0.5)
 
 
+def from_triangles(p, a, b, c):
+    """Distance of each place from its triangle."""
+    n = np.cross(b - a, c - a)
+    n /= np.linalg.norm(n, axis=1)[:, None] + 1e-30
+    height = ((p - a) * n).sum(axis=1)
+    beside, edges = np.zeros(len(p), bool), np.full(len(p), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        side = end - start
+        share = np.clip(((p - start) * side).sum(axis=1) / ((side**2).sum(axis=1) + 1e-30), 0, 1)
+        edges = np.minimum(edges, np.linalg.norm(p - start - share[:, None] * side, axis=1))
+        beside |= (np.cross(side, p - start) * n).sum(axis=1) < 0
+    return np.where(beside, edges, np.abs(height))
+
+
 def sampled(points, faces, count, random):
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -231,8 +245,11 @@ def table(person, folder):
     found = {name: read_ply(folder / f"{name}.ply") for name in ("points", "both")}
 
     def off(p):
-        near = tree.query(p)[1]
-        return (normal[of[near]] * (p - dense[near])).sum(axis=1)
+        """Distances from the triangles that the nearest samples are of."""
+        least = np.full(len(p), np.inf)
+        for near in tree.query(p, k=8)[1].T:
+            least = np.minimum(least, from_triangles(p, *(points[faces[of[near], k]] for k in range(3))))
+        return least
 
     for name, where in regions:
         cells = [name, str(where.sum()), "%.3f" % np.sqrt((off(start[where]) ** 2).mean())]
