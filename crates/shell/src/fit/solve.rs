@@ -41,7 +41,7 @@ const COARSE_REACH: f64 = 4.0;
 /// A step of so many σ, in the mean over the unknowns, is none.
 const SETTLED: f64 = 0.1;
 /// The same in a coarse field, which only finds where the next one starts.
-const NEAR: f64 = 0.5;
+const NEAR: f64 = 0.25;
 /// One facet in so many may be turned the wrong way where outlines are fitted.
 const TURNED: usize = 50;
 
