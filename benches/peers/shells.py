@@ -131,8 +131,7 @@ def arap(folder, rounds=15, handles=60):
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         folder = Path(sys.argv[1])
-        # All vertices on their own take longer than a quarter of an hour.
-        for name in ("Dirichlet", "modes", "lattice"):
+        for name in ("Dirichlet", "modes", "lattice", "vertices"):
             command = ["cargo", "run", "-q", "--release", "-p", "planish-shell", "--example", "deformations", "--", folder.resolve(), name]
             subprocess.run(command, cwd=Path(__file__).resolve().parents[2], check=True)
         arap(folder)

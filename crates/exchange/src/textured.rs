@@ -217,7 +217,7 @@ pub fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8])
 }
 
-/// Writes OBJ; with a picture also `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG. Gives the files.
+/// Writes OBJ with its objects, groups and materials in the order of the triangles; with a picture also `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG, which all materials show. Gives the files.
 ///
 /// # Errors
 /// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left half-written.
@@ -226,11 +226,16 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };
     let (materials, texture) = (path.with_extension("mtl"), path.with_extension(ending));
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let names = NamesOfTriangles::of(mesh);
     let mut written = Vec::new();
     if let Some(bytes) = picture {
         write_atomically(&texture, |writer| writer.write_all(bytes))?;
         write_atomically(&materials, |writer| {
-            writeln!(writer, "# Planish\nnewmtl surface\nKd 1 1 1\nmap_Kd {}", name(&texture))
+            writeln!(writer, "# Planish")?;
+            for material in names.materials(mesh) {
+                writeln!(writer, "newmtl {material}\nKd 1 1 1\nmap_Kd {}", name(&texture))?;
+            }
+            Ok(())
         })?;
         written.extend([texture, materials.clone()]);
     }
@@ -248,10 +253,8 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
         for [u, v] in &mesh.uv {
             writeln!(writer, "vt {u:?} {v:?}")?;
         }
-        if picture.is_some() {
-            writeln!(writer, "usemtl surface")?;
-        }
         for (t, corners) in mesh.triangles.iter().enumerate() {
+            names.write_changes(writer, mesh, t, picture.is_some())?;
             write!(writer, "f")?;
             for (k, corner) in corners.iter().enumerate() {
                 match mesh.uv_triangles.get(t).map(|uv| uv[k]).filter(|uv| *uv != NO_UV) {
@@ -265,6 +268,81 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     })?;
     written.push(path.to_owned());
     Ok(written)
+}
+
+/// The material of triangles that have none, where there is a picture.
+const UNNAMED_MATERIAL: &str = "surface";
+
+/// Which parts each triangle is of, by their places among all parts.
+struct NamesOfTriangles {
+    /// Triangle after triangle, in the order of [`TexturedMesh::parts`].
+    parts: Vec<Vec<u32>>,
+}
+
+impl NamesOfTriangles {
+    fn of(mesh: &TexturedMesh) -> Self {
+        let mut parts = vec![Vec::new(); mesh.triangles.len()];
+        for (index, part) in mesh.parts.iter().enumerate() {
+            for t in &part.triangles {
+                if let Some(own) = parts.get_mut(*t as usize) {
+                    own.push(index as u32);
+                }
+            }
+        }
+        Self { parts }
+    }
+
+    /// Names of one kind that a triangle has; none before the first.
+    fn names<'a>(&self, mesh: &'a TexturedMesh, triangle: Option<usize>, kind: PartKind) -> Vec<&'a str> {
+        (triangle.and_then(|t| self.parts.get(t)).into_iter().flatten())
+            .map(|index| &mesh.parts[*index as usize])
+            .filter(|part| part.kind == kind)
+            .map(|part| part.name.as_str())
+            .collect()
+    }
+
+    /// Names of all materials that triangles have.
+    fn materials<'a>(&self, mesh: &'a TexturedMesh) -> Vec<&'a str> {
+        let mut all: Vec<&str> = (mesh.parts.iter())
+            .filter(|part| part.kind == PartKind::Material)
+            .map(|part| part.name.as_str())
+            .collect();
+        let bare = |t: usize| self.names(mesh, Some(t), PartKind::Material).is_empty();
+        if !all.contains(&UNNAMED_MATERIAL) && (0..mesh.triangles.len()).any(bare) {
+            all.push(UNNAMED_MATERIAL);
+        }
+        all
+    }
+
+    /// Writes the names of a triangle that are not those of the one before.
+    fn write_changes(
+        &self,
+        writer: &mut dyn Write,
+        mesh: &TexturedMesh,
+        triangle: usize,
+        with_picture: bool,
+    ) -> std::io::Result<()> {
+        let before = triangle.checked_sub(1);
+        for (word, kind) in [
+            ("o", PartKind::Object),
+            ("g", PartKind::Group),
+            ("usemtl", PartKind::Material),
+        ] {
+            let here = self.names(mesh, Some(triangle), kind);
+            let changed = here != self.names(mesh, before, kind);
+            match &here[..] {
+                [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {
+                    writeln!(writer, "usemtl {UNNAMED_MATERIAL}")?;
+                }
+                // Only groups can end: a `g` of no name.
+                [] if kind == PartKind::Group && changed => writeln!(writer, "g")?,
+                [] => {}
+                names if changed => writeln!(writer, "{word} {}", names.join(" "))?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
 }
 
 fn check(mesh: &TexturedMesh) -> Result<()> {
@@ -324,6 +402,15 @@ mod tests {
             (&found.points, &found.uv, &found.uv_triangles)
         );
         assert_eq!(again.texture.as_deref(), Some(&*folder.path().join("b.png")));
+        // Whoever edits the posed mesh finds its parts by their names, with a picture or without.
+        assert_eq!(again.vertices_of("left"), found.vertices_of("left"));
+        let parts = |mesh: &TexturedMesh| -> Vec<(String, Vec<u32>)> {
+            let named = |part: &MeshPart| (format!("{:?} {}", part.kind, part.name), part.triangles.clone());
+            mesh.parts.iter().map(named).collect()
+        };
+        assert_eq!(parts(&again), parts(&found));
+        write_textured_obj(&out, &found, None).unwrap();
+        assert_eq!(parts(&read_textured(&out).unwrap()), parts(&found));
     }
 
     /// A square whose two triangles meet at a seam of the texture comes back from GLB with its four vertices, coordinates, picture and σ.

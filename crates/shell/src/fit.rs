@@ -14,7 +14,10 @@
 //!
 //! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards first ([`outward`]).
 
+mod choice;
+mod dense;
 mod equations;
+mod misfit;
 mod outward;
 mod problem;
 mod readings;
@@ -107,7 +110,7 @@ pub struct SourceFit {
 pub struct ShellFit {
     /// The parameters.
     pub parameters: DVector<f64>,
-    /// Their covariance.
+    /// Their covariance. Readings whose residuals hang together count as fewer ones.
     pub covariance: DMatrix<f64>,
     /// Cameras of the views.
     pub cameras: Vec<Camera>,
@@ -117,6 +120,8 @@ pub struct ShellFit {
     pub positions: Vec<[f64; 3]>,
     /// `λ`.
     pub smoothness_weight: f64,
+    /// σ of what the parameters cannot follow, along normals, by residuals of neighbours that are alike; zero where they are noise. It is of the surface, not of the parameters: their covariance does not hold it.
+    pub lack_of_fit: f64,
     /// Points.
     pub points: SourceFit,
     /// Places on outlines, of one view after the other.
@@ -165,11 +170,12 @@ pub fn fit_shell(
 }
 
 impl ShellFit {
-    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d)`.
+    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of what parameters cannot follow.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
         let row = parameter_row(deformation, vertex, direction);
-        row.dot(&(&self.covariance * &row)).max(0.0).sqrt()
+        let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
+        (by_parameters + self.lack_of_fit * self.lack_of_fit).sqrt()
     }
 }
 

@@ -176,6 +176,8 @@ pub struct ShellFitReport {
     pub observed_fraction: f64,
     /// The weight of smoothness, by marginal likelihood.
     pub smoothness_weight: f64,
+    /// σ of what the controls cannot follow, along normals; σ of the vertices holds it.
+    pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,
     /// Frames of a sequence; all above is of the last.
@@ -347,6 +349,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
         sigma: SigmaSummary::of(measured),
         smoothness_weight: made.smoothness_weight,
+        lack_of_fit: made.lack_of_fit,
         iterations: made.iterations,
         frames: of_frames,
         termination: match made.termination {

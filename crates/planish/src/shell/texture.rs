@@ -161,8 +161,92 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     };
     check_outputs(&job.outputs, &inputs, good, needed)?;
     progress.check("reading", 0.0)?;
+    let mut warnings = Vec::new();
+    let (file, scene) = read(job, progress, &mut warnings)?;
+    progress.check("blending", 0.5)?;
+    let Answers {
+        asked,
+        said,
+        coloured,
+        seen,
+    } = ask(job, &scene)?;
+    let wanted = match job.place {
+        ColourPlace::Texture => true,
+        ColourPlace::Vertices => false,
+        ColourPlace::Auto => !file.uv_triangles.is_empty() || job.outputs.iter().any(|path| extension(path) == "obj"),
+    };
+    let texture = if wanted {
+        progress.check("painting", 0.6)?;
+        let of = |at, normal| blend::blend(&scene.look(&asked, at, normal), said.sigma).map(|b| b.colour);
+        let chosen: Vec<&ColourView> = asked.iter().map(|k| &scene.views[*k]).collect();
+        Some(paint(job, &file, &scene, &coloured, &chosen, &of, &mut warnings)?)
+    } else {
+        None
+    };
+    progress.check("judging", 0.8)?;
+    let reports = judge(&scene, &said, &coloured, texture.as_ref());
+    for view in reports.iter().filter(|view| view.left_out) {
+        warnings.push(format!(
+            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its picture or its camera may be another's",
+            view.view, view.odd, view.seen
+        ));
+    }
+    progress.check(WRITING_STAGE, 0.9)?;
+    let mut written = Vec::new();
+    for path in &job.outputs {
+        written.extend(write(path, &file, &coloured, texture.as_ref())?);
+    }
+    let mut all = inputs.to_vec();
+    all.extend(scene.files);
+    all.dedup();
+    Ok(ShellTextureReport {
+        unit: scene.unit,
+        vertices: scene.mesh.positions.len(),
+        seen,
+        filled: scene.mesh.positions.len() - seen,
+        colour_sigma: said.sigma,
+        texture: texture.map(|texture| texture.report),
+        views: reports,
+        inputs: all,
+        written,
+        warnings,
+        termination: "converged",
+    })
+}
+
+/// The mesh as the cameras measure it, and what they see.
+struct Scene {
+    mesh: TriangleMesh,
+    normals: Vec<[f64; 3]>,
+    /// Whether its facets are turned both ways.
+    two_sided: bool,
+    /// The unit of the cameras.
+    unit: Option<Unit>,
+    /// Views with a picture, and what they see.
+    pictured: Vec<ViewFile>,
+    views: Vec<ColourView>,
+    /// Further files that were read.
+    files: Vec<PathBuf>,
+}
+
+impl Scene {
+    /// What some views say of a place.
+    fn look(&self, asked: &[usize], at: [f64; 3], normal: [f64; 3]) -> Vec<Saying> {
+        let say = |k: &usize| {
+            self.views[*k].glimpse(at, normal, self.two_sided).map(|found| Saying {
+                view: *k,
+                colour: found.colour,
+                weight: found.weight,
+            })
+        };
+        asked.iter().filter_map(say).collect()
+    }
+}
+
+/// Reads the mesh and the views, and draws the mesh as each of them sees it.
+fn read(job: &ShellTextureJob, progress: &dyn Progress, warnings: &mut Vec<String>) -> Result<(TexturedMesh, Scene)> {
     let mut file = read_textured(&job.mesh)?;
-    let mut warnings = std::mem::take(&mut file.warnings);
+    warnings.append(&mut file.warnings);
     if file.triangles.is_empty() {
         return Err(Error::undetermined(format!(
             "{}: has no faces: only a surface hides what lies behind it",
@@ -171,8 +255,6 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     }
     let read = read_views(&job.views)?;
     file.unit = file.unit.or(job.unit);
-    // The mesh as the cameras measure it.
-    let unit = read.unit.or(file.unit);
     let by = match (file.unit, read.unit) {
         (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
         _ => 1.0,
@@ -186,55 +268,84 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
             job.mesh.display()
         ));
     }
-    let pictured: Vec<&ViewFile> = read.views.iter().filter(|view| view.image.is_some()).collect();
+    let count = read.views.len();
+    let pictured: Vec<ViewFile> = (read.views.into_iter()).filter(|view| view.image.is_some()).collect();
     if !pictured.iter().any(|view| !view.held_out) {
         return Err(Error::input(format!(
-            "{}: needed a view with `image = \"...\"` that is not held out, found none of {}",
-            job.views.display(),
-            read.views.len()
+            "{}: needed a view with `image = \"...\"` that is not held out, found none of {count}",
+            job.views.display()
         )));
     }
     progress.check("looking", 0.1)?;
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
-    let views: Vec<ColourView> = (pictured.par_iter())
+    let views = (pictured.par_iter())
         .map(|view| colour_view(view, &mesh, size))
         .collect::<Result<_>>()?;
-    let mut asked: Vec<usize> = (0..views.len()).filter(|k| !pictured[*k].held_out).collect();
-    progress.check("blending", 0.5)?;
-    let normals = mesh.vertex_normals();
-    let look = |asked: &[usize], at: [f64; 3], normal: [f64; 3]| -> Vec<Saying> {
-        let say = |k: &usize| {
-            views[*k].glimpse(at, normal, two_sided).map(|found| Saying {
-                view: *k,
-                colour: found.colour,
-                weight: found.weight,
-            })
-        };
-        asked.iter().filter_map(say).collect()
+    let mut files = std::mem::take(&mut file.files);
+    files.extend(read.files);
+    files.extend(
+        pictured
+            .iter()
+            .flat_map(|view| view.image.iter().chain(&view.mask).cloned()),
+    );
+    let scene = Scene {
+        normals: mesh.vertex_normals(),
+        mesh,
+        two_sided,
+        unit: read.unit.or(file.unit),
+        pictured,
+        views,
+        files,
     };
+    Ok((file, scene))
+}
+
+/// What all views said of the vertices, before any was left out.
+struct Said {
+    /// σ of a colour, by those that were asked in the end.
+    sigma: f64,
+    /// For each view the vertices that it sees, and those where it is odd.
+    counted: Vec<[usize; 2]>,
+    /// The share of what others see as well at which each is odd.
+    odd: Vec<f64>,
+}
+
+/// Colours of the vertices, and whose they are.
+struct Answers {
+    /// Views that take part.
+    asked: Vec<usize>,
+    said: Said,
+    coloured: Coloured,
+    /// Vertices that a view sees.
+    seen: usize,
+}
+
+/// Asks the views that are not held out for the colours of the vertices, and again without those that are odd too often.
+fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
+    let (mesh, count) = (&scene.mesh, scene.views.len());
     let ask = |asked: &[usize]| {
-        let said: Vec<Vec<Saying>> = (mesh.positions.par_iter().zip(&normals))
-            .map(|(at, normal)| look(asked, *at, *normal))
+        let said: Vec<Vec<Saying>> = (mesh.positions.par_iter().zip(&scene.normals))
+            .map(|(at, normal)| scene.look(asked, *at, *normal))
             .collect();
         let sigma = blend::scale(said.iter().map(|s| &s[..]));
         let blended: Vec<Option<Blended>> = said.par_iter().map(|s| blend::blend(s, sigma)).collect();
         (said, sigma, blended)
     };
-    let (mut said, mut colour_sigma, mut blended) = ask(&asked);
-    // What each view sees, and where it is odd, before any is left out.
-    let counted: Vec<[usize; 2]> = (0..views.len())
+    let mut asked: Vec<usize> = (0..count).filter(|k| !scene.pictured[*k].held_out).collect();
+    let (said, mut sigma, mut blended) = ask(&asked);
+    let counted = (0..count)
         .map(|k| {
             let seen = said.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
             [seen, blended.iter().flatten().filter(|b| b.odd.contains(&k)).count()]
         })
         .collect();
-    let odd = blend::odd_shares(views.len(), &said, &blended);
+    let odd = blend::odd_shares(count, &said, &blended);
+    drop(said);
     let all_asked = asked.len();
     asked.retain(|k| odd[*k] <= ODD_VIEW);
     if asked.len() < all_asked {
-        (said, colour_sigma, blended) = ask(&asked);
+        (_, sigma, blended) = ask(&asked);
     }
-    drop(said);
     let seen = blended.iter().flatten().count();
     if seen == 0 {
         return Err(Error::undetermined(format!(
@@ -245,89 +356,41 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     }
     let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
-        colours: fill::on_mesh(&mesh, &known),
+        colours: fill::on_mesh(mesh, &known),
         views: (blended.iter())
             .map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8))
             .collect(),
     };
-    let wanted = match job.place {
-        ColourPlace::Texture => true,
-        ColourPlace::Vertices => false,
-        ColourPlace::Auto => !file.uv_triangles.is_empty() || job.outputs.iter().any(|path| extension(path) == "obj"),
-    };
-    let texture = match wanted {
-        false => None,
-        true => {
-            progress.check("painting", 0.6)?;
-            let of = |at, normal| blend::blend(&look(&asked, at, normal), colour_sigma).map(|b| b.colour);
-            let chosen: Vec<&ColourView> = asked.iter().map(|k| &views[*k]).collect();
-            Some(paint(
-                job,
-                &file,
-                &mesh,
-                &normals,
-                &coloured,
-                &chosen,
-                &of,
-                &mut warnings,
-            )?)
-        }
-    };
-    progress.check("judging", 0.8)?;
-    let reports: Vec<ColourViewReport> = (views.iter().enumerate())
-        .map(|(k, view)| {
-            let sees = match pictured[k].held_out {
-                false => counted[k][0],
-                true => (mesh.positions.par_iter().zip(&normals))
-                    .filter(|(at, normal)| view.glimpse(**at, **normal, two_sided).is_some())
-                    .count(),
-            };
-            ColourViewReport {
-                view: pictured[k].name.clone(),
-                held_out: pictured[k].held_out,
-                seen: sees,
-                odd: counted[k][1],
-                left_out: odd[k] > ODD_VIEW,
-                rms: view.difference(&mesh, |triangle, weights| match &texture {
-                    Some(texture) => texture.at(triangle, weights),
-                    None => at_place(&mesh, &coloured.colours, triangle, weights),
-                }),
-            }
-        })
-        .collect();
-    for view in reports.iter().filter(|view| view.left_out) {
-        warnings.push(format!(
-            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its picture or its camera may be another's",
-            view.view, view.odd, view.seen
-        ));
-    }
-    progress.check(WRITING_STAGE, 0.9)?;
-    let mut written = Vec::new();
-    for path in &job.outputs {
-        written.extend(write(path, &file, &coloured, texture.as_ref())?);
-    }
-    let mut all = inputs.to_vec();
-    all.append(&mut file.files);
-    all.extend(read.files);
-    all.extend(
-        pictured
-            .iter()
-            .flat_map(|view| view.image.iter().chain(&view.mask).cloned()),
-    );
-    all.dedup();
-    Ok(ShellTextureReport {
-        unit,
-        vertices: mesh.positions.len(),
+    Ok(Answers {
+        asked,
+        said: Said { sigma, counted, odd },
+        coloured,
         seen,
-        filled: mesh.positions.len() - seen,
-        colour_sigma,
-        texture: texture.map(|texture| texture.report),
-        views: reports,
-        inputs: all,
-        written,
-        warnings,
-        termination: "converged",
     })
+}
+
+/// How far the pictures of all views are from the colours that were made.
+fn judge(scene: &Scene, said: &Said, coloured: &Coloured, texture: Option<&Texture>) -> Vec<ColourViewReport> {
+    let mesh = &scene.mesh;
+    (scene.views.iter().zip(&scene.pictured).enumerate())
+        .map(|(k, (view, file))| ColourViewReport {
+            view: file.name.clone(),
+            held_out: file.held_out,
+            seen: if file.held_out {
+                (mesh.positions.par_iter().zip(&scene.normals))
+                    .filter(|(at, normal)| view.glimpse(**at, **normal, scene.two_sided).is_some())
+                    .count()
+            } else {
+                said.counted[k][0]
+            },
+            odd: said.counted[k][1],
+            left_out: said.odd[k] > ODD_VIEW,
+            rms: view.difference(mesh, |triangle, weights| match texture {
+                Some(texture) => texture.at(triangle, weights),
+                None => at_place(mesh, &coloured.colours, triangle, weights),
+            }),
+        })
+        .collect()
 }
 
 /// Reads a view's picture and mask, and draws the mesh as it sees it.
@@ -368,17 +431,17 @@ fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
     side.next_power_of_two().clamp(USUAL_SIDES[0], USUAL_SIDES[1])
 }
 
-#[allow(clippy::too_many_arguments, reason = "what is painted, where, and with what")]
+/// Paints a texture: each of its pixels by what views see of its place on the mesh.
 fn paint(
     job: &ShellTextureJob,
     file: &TexturedMesh,
-    mesh: &TriangleMesh,
-    normals: &[[f64; 3]],
+    scene: &Scene,
     coloured: &Coloured,
     views: &[&ColourView],
     seen: &(dyn Fn([f64; 3], [f64; 3]) -> Option<[f64; 3]> + Sync),
     warnings: &mut Vec<String>,
 ) -> Result<Texture> {
+    let (mesh, normals) = (&scene.mesh, &scene.normals[..]);
     let own = Chart::of(file);
     let count = mesh.triangles.len();
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);

@@ -157,13 +157,13 @@ pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f
         .sum()
 }
 
-/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`.
+/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`, and so many readings of each kind as `together` says weigh as one.
 pub(super) fn sum(
     all: &[Equations],
     deformation: &dyn Deformation,
     poses: usize,
     loss: &Loss,
-    factors: &[f64; SCALES],
+    (factors, together): (&[f64; SCALES], &[f64; SCALES]),
     with_regions: bool,
 ) -> Pass {
     let basis = deformation.basis();
@@ -183,7 +183,8 @@ pub(super) fn sum(
                     continue;
                 }
                 let sigma = equation.sigma * factors[equation.source.scale()];
-                let weight = equation.source.loss(loss).weight(equation.distance / sigma) / (sigma * sigma);
+                let variance = sigma * sigma * together[equation.source.scale()];
+                let weight = equation.source.loss(loss).weight(equation.distance / sigma) / variance;
                 if weight <= 0.0 {
                     continue;
                 }

@@ -47,8 +47,8 @@ pub(super) struct Problem<'a> {
     pub shell: ShellOptions,
     /// Which views have a pose in the state, and where.
     pub slots: &'a [Option<u32>],
-    /// The points that are looked at; all, where none are given.
-    pub chosen: Option<&'a [u32]>,
+    /// The points that are looked at, one after the other.
+    pub chosen: &'a [u32],
 }
 
 /// What readings are weighed by: those that weigh nothing need no derivatives.
@@ -137,7 +137,7 @@ impl Problem<'_> {
         let sight = search
             .as_ref()
             .map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
-        let mut work: Vec<Work> = (pieces(self.chosen.map_or(self.readings.points.len(), <[u32]>::len), POINTS))
+        let mut work: Vec<Work> = pieces(self.chosen.len(), POINTS)
             .map(|(a, b)| Work::Points(a, b))
             .collect();
         for (v, view) in self.readings.views.iter().enumerate().filter(|_| lines) {
@@ -166,21 +166,20 @@ impl Problem<'_> {
         let mut shares = Vec::new();
         match (work, sight) {
             (Work::Points(a, b), _) => {
-                for place in a..b {
-                    let i = self.chosen.map_or(place, |chosen| chosen[place] as usize);
-                    let point = &self.readings.points[i];
+                for &i in &self.chosen[a..b] {
+                    let point = &self.readings.points[i as usize];
                     let Some(found) = shell.distance(point.at, &mut shares) else {
                         continue;
                     };
                     let residual = (found.distance, point.sigma(found.gradient));
                     if weighing.is_some_and(|w| w.leaves_out(Source::Point, residual.0 / residual.1)) {
-                        made.push_without_derivatives(Source::Point, i as u32, residual);
+                        made.push_without_derivatives(Source::Point, i, residual);
                         continue;
                     }
                     shell.by_vertices(point.at, &shares, &found, |v, by| {
                         self.each_own(v, by, |v, by| gathered.add(v, by))
                     });
-                    made.push(Source::Point, i as u32, residual, gathered.take(), &[]);
+                    made.push(Source::Point, i, residual, gathered.take(), &[]);
                 }
             }
             (Work::Tracks(a, b), _) => {

@@ -3,29 +3,37 @@
 //! Comes in: a stiffness `K`, and the information of the data about the parameters. Goes out: `λ` of `λ/2 · (q − m)ᵀ K (q − m)`.
 //! Source: S. Wood, M. Fasiolo, *A generalized Fellner-Schall method for smoothing parameter optimization*, 2017.
 
+use super::dense::Factor;
 use super::undetermined;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel};
+
+/// Updates of the weight in one iteration of the fit.
+const TRIES: usize = 20;
+/// Of more unknowns than this an update costs as much as an iteration: there are fewer, and the weight comes to rest as the fit does.
+const MANY: usize = 1000;
+const TRIES_OF_MANY: usize = 3;
 
 /// The prior and its weight.
 pub(super) struct Smoothness {
     pub stiffness: DMatrix<f64>,
     rank: usize,
-    log_pseudo_determinant: f64,
     weight: f64,
 }
 
 impl Smoothness {
     pub(super) fn new(stiffness: DMatrix<f64>) -> Result<Self> {
-        let eigen = stiffness.clone().symmetric_eigen().eigenvalues;
+        let (own, times) = match of_one_coordinate(&stiffness) {
+            Some(own) => (own, 3),
+            None => (stiffness.clone(), 1),
+        };
+        let eigen = own.symmetric_eigenvalues();
         let largest = eigen.iter().copied().fold(0.0, f64::max);
-        let positive: Vec<f64> = eigen.iter().copied().filter(|e| *e > 1e-10 * largest).collect();
         if eigen.iter().any(|e| *e < -1e-8 * largest) {
             return Err(Error::input("the stiffness of controls is not positive semidefinite"));
         }
         Ok(Self {
-            rank: positive.len(),
-            log_pseudo_determinant: positive.iter().map(|e| e.ln()).sum(),
+            rank: times * eigen.iter().filter(|e| **e > 1e-10 * largest).count(),
             stiffness,
             weight: 0.0,
         })
@@ -57,20 +65,21 @@ impl Smoothness {
             equations: q.len() + 1,
             unknowns: q.len(),
             rank: self.rank,
-            log_pseudo_determinant: self.log_pseudo_determinant,
+            log_pseudo_determinant: 0.0,
             dispersion: Dispersion::Known(1.0),
         };
-        for _ in 0..20 {
-            let equations = information + self.weight * &self.stiffness;
-            let Some(factor) = equations.cholesky() else {
+        let tries = if q.len() > MANY { TRIES_OF_MANY } else { TRIES };
+        for _ in 0..tries {
+            let Some(factor) = Factor::of(&(information + self.weight * &self.stiffness)) else {
                 return Err(undetermined());
             };
             let x = factor.solve(&target);
+            // Determinants only shift the likelihood: the update needs none.
             let evaluation = SmoothnessEvaluation {
                 residual: 0.0,
                 roughness: self.roughness(&x),
-                log_determinant: 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>(),
-                trace: Some(factor.solve(&self.stiffness).trace()),
+                log_determinant: 0.0,
+                trace: Some(factor.inverse().dot(&self.stiffness)),
             };
             let next = (model.fellner_schall_update(self.weight, &evaluation)?).clamp(1e-8 * natural, 1e8 * natural);
             let change = (next / self.weight).ln().abs();
@@ -81,4 +90,16 @@ impl Smoothness {
         }
         Ok(self.weight)
     }
+}
+
+/// `K₁` of `K = K₁ ⊗ I₃`, where it is one: its eigenvalues are those of `K`, three times each.
+fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = stiffness.nrows();
+    if !size.is_multiple_of(3) {
+        return None;
+    }
+    let own = DMatrix::from_fn(size / 3, size / 3, |i, j| stiffness[(3 * i, 3 * j)]);
+    let same = (0..size)
+        .all(|j| (0..size).all(|i| stiffness[(i, j)] == if i % 3 == j % 3 { own[(i / 3, j / 3)] } else { 0.0 }));
+    same.then_some(own)
 }

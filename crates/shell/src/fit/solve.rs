@@ -2,7 +2,10 @@
 //!
 //! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
+use super::choice::chosen_points;
+use super::dense::Factor;
 use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
+use super::misfit::{Misfit, Residual};
 use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
 use super::readings::{PoseNoise, ShellReadings};
@@ -30,13 +33,15 @@ const LONGEST: f64 = 0.03;
 /// Residuals that a scale needs.
 const LEAST_READINGS: usize = 8;
 /// Of more unknowns no redundancy is counted: it costs as much as the fit.
-const MOST_COUNTED: usize = 1500;
+const MOST_COUNTED: usize = 3000;
 /// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the sharp one starts.
 const COARSE_POINTS: (usize, usize) = (12, 5000);
 /// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts that start far away are lost more often.
 const COARSE_REACH: f64 = 4.0;
 /// A step of so many σ, in the mean over the unknowns, is none.
 const SETTLED: f64 = 0.1;
+/// The same in a coarse field, which only finds where the next one starts.
+const NEAR: f64 = 0.25;
 /// One facet in so many may be turned the wrong way where outlines are fitted.
 const TURNED: usize = 50;
 
@@ -194,11 +199,12 @@ pub(super) fn solve(
     // Parameters that are no displacements have other units.
     let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
-    let few = spread_choice(
-        readings.points.len(),
-        (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1),
-    );
+    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
+    let few = chosen_points(readings.points, enough, &bounds);
+    let all = chosen_points(readings.points, usize::MAX, &bounds);
     for step in 0..options.steps {
+        let coarse = step + 1 < options.steps;
         let share = if options.steps > 1 {
             step as f64 / (options.steps - 1) as f64
         } else {
@@ -216,17 +222,22 @@ pub(super) fn solve(
             deformation,
             readings,
             shell: ShellOptions {
-                reach: Some(if step + 1 < options.steps { COARSE_REACH } else { REACH }),
+                reach: Some(if coarse { COARSE_REACH } else { REACH }),
                 oriented,
                 ..ShellOptions::new(options.metaball, 1.0 / softness)
             },
             slots: &slots,
-            chosen: (step + 1 < options.steps).then_some(few.as_deref()).flatten(),
+            chosen: if coarse { &few } else { &all },
         };
         let mut damping = 1e-3;
         termination = Termination::Limit;
-        let mut equations = problem.equations(&state, None)?;
+        let first = Weighing {
+            loss: &options.loss,
+            factors,
+        };
+        let mut equations = problem.equations(&state, (step > 0).then_some(first))?;
         let mut weight = 0.0;
+        let mut length_before = f64::INFINITY;
         for _ in 0..options.iterations {
             iterations += 1;
             if !options.believe_sigma {
@@ -245,7 +256,7 @@ pub(super) fn solve(
                 deformation,
                 known.poses.len(),
                 &options.loss,
-                &factors,
+                (&factors, &[1.0; SCALES]),
                 true,
             );
             let alone = known.without_poses(&state, &pass)?;
@@ -265,7 +276,8 @@ pub(super) fn solve(
                 let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
                 if after <= before * (1.0 + 1e-12) {
                     let length = (change.dot(&(&wanted * &change)) / change.len() as f64).sqrt();
-                    shorter = length < SETTLED || before - after < 1e-6 * before;
+                    shorter = is_settled(length, length_before, coarse) || before - after < 1e-6 * before;
+                    length_before = length;
                     accepted = Some((next, tried));
                     damping = (damping * 0.1).max(1e-9);
                     break;
@@ -313,13 +325,15 @@ fn finished(
     let loss = &known.options.loss;
     let poses = known.poses.len();
     let parameters = state.q.len();
-    let mut pass = sum(equations, deformation, poses, loss, factors, false);
+    let misfits = misfits(equations, factors, known);
+    let together = misfits.map(|misfit| misfit.together);
+    let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
     // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
     let moments = loss.moments(1)?;
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     let data_information = known.without_poses(&state, &pass)?.information;
     let (information, _) = known.add(&state, weight, &pass);
-    let covariance = information.cholesky().ok_or_else(undetermined)?.inverse();
+    let covariance = Factor::of(&information).ok_or_else(undetermined)?.inverse();
     let mut pose_covariances = vec![None; state.cameras.len()];
     for (slot, (view, _)) in known.poses.iter().enumerate() {
         let at = parameters + 6 * slot;
@@ -338,10 +352,40 @@ fn finished(
         cameras: state.cameras,
         pose_covariances,
         smoothness_weight: weight,
+        lack_of_fit: Misfit::sigma(&misfits),
         data_information,
         termination: Termination::Limit,
         iterations: 0,
     })
+}
+
+/// What residuals of points and of outlines have in common.
+fn misfits(equations: &[Equations], factors: &[f64; SCALES], known: &Known<'_>) -> [Misfit; SCALES] {
+    let readings = known.readings;
+    // Pixels of one view lie in a plane, and views far from one another.
+    let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
+        .flat_map(|(v, view)| (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64]))
+        .collect();
+    let of = |source: Source| {
+        let factor = factors[source.scale()];
+        let residuals: Vec<Residual> = (equations.iter().flat_map(|some| &some.list))
+            .filter(|e| e.source == source && known.options.loss.weight(e.normalized() / factor) >= NOTHING)
+            .map(|e| Residual {
+                at: match source {
+                    Source::Point => readings.points[e.reading as usize].at,
+                    _ => pixels[e.reading as usize],
+                },
+                distance: e.distance,
+                sigma: e.sigma,
+            })
+            .collect();
+        Misfit::of(&residuals)
+    };
+    let mut all = [Misfit::NONE; SCALES];
+    for source in [Source::Point, Source::Outline] {
+        all[source.scale()] = of(source);
+    }
+    all
 }
 
 fn source_fit(
@@ -385,20 +429,11 @@ fn source_fit(
     }
 }
 
-/// About `wanted` of `count` readings, spread evenly whatever their order; `None` for all.
-fn spread_choice(count: usize, wanted: usize) -> Option<Vec<u32>> {
-    if count <= wanted {
-        return None;
-    }
-    let share = wanted as f64 / count as f64;
-    // Multiples of the golden ratio's fraction would follow the rows of a grid: a hash does not.
-    let hashed = |i: u32| {
-        let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (x >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    Some((0..count as u32).filter(|i| hashed(*i) < share).collect())
+/// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are, if each shrinks as this one did.
+fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
+    let limit = if coarse { NEAR } else { SETTLED };
+    let ratio = length / before;
+    length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < 0.5 * limit)
 }
 
 /// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.
@@ -429,7 +464,7 @@ fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
     if wanted.nrows() > MOST_COUNTED {
         return 0.0;
     }
-    (wanted.clone().cholesky()).map_or(0.0, |factor| factor.inverse().component_mul(information).sum())
+    Factor::of(wanted).map_or(0.0, |factor| factor.inverse().dot(information))
 }
 
 fn moved(state: &State, change: &DVector<f64>, known: &Known<'_>) -> State {
@@ -466,5 +501,5 @@ fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> 
         let own = damped[(k, k)];
         damped[(k, k)] += damping * own.max(1e-12 * mean);
     }
-    Ok(damped.cholesky().ok_or_else(undetermined)?.solve(right))
+    Ok(Factor::of(&damped).ok_or_else(undetermined)?.solve(right))
 }

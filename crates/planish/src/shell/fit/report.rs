@@ -6,7 +6,7 @@ use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
 
-/// Normals of vertices, σ along them, and whether the readings say more of them than what was known before.
+/// Normals of vertices, σ along them with what parameters cannot follow, and whether the readings say more of them than what was known before.
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,
@@ -20,7 +20,8 @@ pub(super) fn known(
             let row = parameter_row(deformation, v as u32, normals[v]);
             let variance = row.dot(&(&made.covariance * &row)).max(0.0);
             let share = row.dot(&(&by_data * &row)) / variance;
-            (variance.sqrt(), u8::from(share > MEASURED))
+            let lacking = made.lack_of_fit * made.lack_of_fit;
+            ((variance + lacking).sqrt(), u8::from(share > MEASURED))
         })
         .unzip();
     (normals, sigma, observed)

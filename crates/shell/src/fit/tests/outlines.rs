@@ -333,7 +333,7 @@ fn derivatives_are_those_of_differences() {
                 ..ShellOptions::new(Metaball::Triangular, 10.0)
             },
             slots: &slots,
-            chosen: None,
+            chosen: &[0, 1, 2],
         };
         let way = DVector::from_fn(state.q.len() + 24, |_, _| normal());
         let step = 1e-5;
