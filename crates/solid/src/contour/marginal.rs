@@ -7,7 +7,7 @@
 //! A distance to the nearest side takes every reading near a corner for the side that suits it better, and a distance to a
 //! round outline forgets that its foot is uncertain: both are biased, and their covariance, of the first order, is too small
 //! where the noise is a good part of a side or a radius. The likelihood has hardly anything of either while the noise is a tenth of a side; at a fifth of
-it, sides are still found too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was read is a nuisance
+//! it, sides are still found too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was read is a nuisance
 //! parameter of its own, so that hidden or favoured parts do not pull at corners.
 //!
 //! # References
