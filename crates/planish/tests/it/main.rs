@@ -1,7 +1,7 @@
 //! The library from outside: one program for all, as each would be linked with the whole of it.
 
 // Helpers of tests may unwrap and print as tests do.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(clippy::unwrap_used, clippy::print_stdout, clippy::type_complexity)]
 
 mod common;
 

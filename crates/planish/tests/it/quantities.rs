@@ -342,7 +342,7 @@ fn every_mix_of_quantities_is_covered_by_its_sigma() {
     assert!(mixed < 0.75 * alone, "normals add nothing: {mixed} {alone}");
 }
 
-/// `cargo test --release -p planish --test quantities -- --ignored --nocapture`: three minutes.
+/// `cargo test --release -p planish --test it quantities -- --ignored --nocapture`: three minutes.
 #[test]
 #[ignore = "heavy statistics"]
 fn every_mix_of_many_truths_is_covered_by_its_sigma() {
