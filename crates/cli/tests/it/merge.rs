@@ -1,0 +1,345 @@
+//! `planish merge`, from files to files.
+
+use crate::support::planish;
+use std::fmt::Write;
+use std::path::Path;
+
+/// A part of a ball of radius 10 between two latitudes as OBJ, its rows turned by some degrees, facing inwards where asked for.
+fn zone(path: &Path, from_deg: f64, to_deg: f64, turn_deg: f64, scale: f64, inwards: bool) {
+    const AROUND: usize = 72;
+    const ROWS: usize = 30;
+    let mut text = String::new();
+    for row in 0..=ROWS {
+        let latitude = (from_deg + (to_deg - from_deg) * row as f64 / ROWS as f64).to_radians();
+        for column in 0..AROUND {
+            let longitude = (turn_deg + 360.0 * column as f64 / AROUND as f64).to_radians();
+            let (r, z) = (10.0 * scale * latitude.cos(), 10.0 * scale * latitude.sin());
+            writeln!(text, "v {} {} {}", r * longitude.cos(), r * longitude.sin(), z).expect("text");
+        }
+    }
+    for row in 0..ROWS {
+        for column in 0..AROUND {
+            let at = |i: usize, j: usize| 1 + (row + i) * AROUND + (column + j) % AROUND;
+            let mut square = [[at(0, 0), at(0, 1), at(1, 1)], [at(0, 0), at(1, 1), at(1, 0)]];
+            if inwards {
+                square.iter_mut().for_each(|t| t.swap(1, 2));
+            }
+            for [a, b, c] in square {
+                writeln!(text, "f {a} {b} {c}").expect("text");
+            }
+        }
+    }
+    std::fs::write(path, text).expect("a file");
+}
+
+#[test]
+fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("low.obj"), -80.0, 20.0, 0.0, 1.0, false);
+    zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
+    let said = planish(
+        folder.path(),
+        &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"],
+    )
+    .ok();
+    let found = said.json();
+    // The two poles stay open: nobody saw them.
+    assert_eq!(found["boundary_edges"], 144, "{found:#}");
+    assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
+    assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
+    assert!(said.stderr.contains("turned over"), "{}", said.stderr);
+    let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
+    assert_eq!(
+        (&read["manifold"], &read["components"]),
+        (&true.into(), &1.into()),
+        "{read:#}"
+    );
+    let area = read["area"].as_f64().expect("a number");
+    let exact = 2.0 * std::f64::consts::PI * 100.0 * 2.0 * 80_f64.to_radians().sin();
+    assert!((area / exact - 1.0).abs() < 0.01, "{area}, {exact}");
+    // Asked for, the poles are closed.
+    let filled = planish(
+        folder.path(),
+        &["merge", "low.obj", "high.obj", "--fill", "72", "--json"],
+    )
+    .ok()
+    .json();
+    assert_eq!(
+        (&filled["watertight"], &filled["holes_closed"]),
+        (&true.into(), &2.into()),
+        "{filled:#}"
+    );
+}
+
+#[test]
+fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, from, to) in [("a", -60.0, 30.0), ("b", -30.0, 60.0)] {
+        zone(&folder.path().join("zone.obj"), from, to, 0.7, 1.0, false);
+        let text = std::fs::read_to_string(folder.path().join("zone.obj")).expect("text");
+        let vertices: Vec<&str> = text.lines().filter_map(|l| l.strip_prefix("v ")).collect();
+        let faces: Vec<Vec<usize>> = text
+            .lines()
+            .filter_map(|l| l.strip_prefix("f "))
+            .map(|l| {
+                l.split(' ')
+                    .map(|k| k.parse::<usize>().expect("a number") - 1)
+                    .collect()
+            })
+            .collect();
+        let mut ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            vertices.len(),
+            faces.len()
+        );
+        for v in vertices {
+            writeln!(ply, "{v} 0.02").expect("text");
+        }
+        for f in faces {
+            writeln!(ply, "3 {} {} {}", f[0], f[1], f[2]).expect("text");
+        }
+        std::fs::write(folder.path().join(format!("{name}.ply")), ply).expect("a file");
+    }
+    let found = planish(folder.path(), &["merge", "a.ply", "b.ply", "--json"])
+        .ok()
+        .json();
+    assert_eq!(found["sigma_estimated"], false);
+    let sigma = |key: &str| found["sigma"][key].as_f64().expect("a number");
+    assert!((sigma("max") - 0.02).abs() < 1e-12, "{found:#}");
+    let read = found["patches"][0]["sigma"].as_f64().expect("a number");
+    assert!((read - 0.02).abs() < 1e-12);
+}
+
+#[test]
+fn a_whole_is_written_as_a_spline() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("low.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&folder.path().join("high.obj"), -10.0, 60.0, 2.3, 1.0, false);
+    let found = planish(
+        folder.path(),
+        &[
+            "merge",
+            "low.obj",
+            "high.obj",
+            "-o",
+            "whole.step",
+            "-o",
+            "whole.planish",
+            "--json",
+        ],
+    )
+    .ok()
+    .json();
+    let spline = &found["spline"];
+    assert!(spline["coefficients"].as_u64().expect("a number") > 16, "{found:#}");
+    assert!(spline["rms"].as_f64().expect("a number") < 0.02, "{found:#}");
+    let step = std::fs::read_to_string(folder.path().join("whole.step")).expect("a STEP file");
+    assert!(step.contains("B_SPLINE_SURFACE"));
+    let read = planish(folder.path(), &["info", "whole.planish", "--json"]).ok().json();
+    assert_eq!(read["coefficients"], spline["coefficients"], "{read:#}");
+}
+
+#[test]
+fn what_cannot_be_merged_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 10.0, 0.0, 1.0, false);
+    zone(&path("far.obj"), -60.0, 10.0, 0.0, 2.0, false);
+    std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
+    std::fs::write(path("points.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("a file");
+    for (name, text) in [
+        ("empty.obj", ""),
+        ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"),
+        ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        ("part.step", "ISO-10303-21;\n"),
+    ] {
+        std::fs::write(path(name), text).expect("a file");
+    }
+    for (line, code, words) in [
+        ("merge a.obj -o w.ply", 2, "two patches"),
+        ("merge a.obj far.obj -o w.ply", 1, "overlap"),
+        ("merge a.obj points.xyz -o w.ply", 2, "loose points"),
+        ("merge a.obj far.obj -o w.tif", 2, "a mesh or a spline"),
+        ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
+        ("merge a.obj none.obj", 3, "none.obj"),
+        ("merge a.obj empty.obj -o w.ply", 2, "empty.obj: the file is empty"),
+        ("merge a.obj nan.obj -o w.ply", 2, "nan.obj: line 2"),
+        ("merge a.obj line.obj -o w.ply", 1, "overlap"),
+        (
+            "merge a.obj part.step -o w.ply",
+            2,
+            "part.step: faces of CAD files are not read",
+        ),
+        ("merge a.obj --align -o w.ply", 2, "two patches"),
+        (
+            "merge a.obj copy.obj -o w.ply",
+            2,
+            "copy.obj has the same vertices as a.obj",
+        ),
+        ("merge a.obj copy.obj --align -o w.ply", 2, "counts once"),
+        ("merge a.obj far.obj --epsilon 1yd", 2, "yd"),
+        ("merge a.obj far.obj --theta 120", 2, "90"),
+        ("merge a.obj far.obj --epsilon 0", 2, "above 0"),
+    ] {
+        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(said.code, code, "{line}: {}", said.stderr);
+        assert!(said.stderr.contains(words), "{line}: {}", said.stderr);
+        assert!(!path("w.ply").exists(), "{line}");
+    }
+}
+
+/// Of two files with the same places, one counts, and both are named.
+#[test]
+fn a_copy_is_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    run("merge a.obj b.obj -o two.ply");
+    let said = run("merge a.obj b.obj copy.obj -o three.ply");
+    assert!(
+        said.stderr
+            .contains("copy.obj has the same vertices as a.obj: it was left out"),
+        "{}",
+        said.stderr
+    );
+    let read = |name: &str| std::fs::read(path(name)).expect("a mesh");
+    assert_eq!(read("two.ply"), read("three.ply"));
+}
+
+/// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no failure.
+#[test]
+fn what_differs_by_rounding_is_aligned() {
+    let folder = tempfile::tempdir().expect("a folder");
+    zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    // Turned by one of 72 columns.
+    zone(&folder.path().join("b.obj"), -60.0, 20.0, 5.0, 1.0, true);
+    let line = "merge a.obj b.obj --align --report page.html --json";
+    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    let found = said.json();
+    let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
+    let open = found["poses"][1]["undetermined"].as_array().map_or(0, Vec::len);
+    assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
+    assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
+    let moved = found["poses"][1]["moved"].as_f64().expect("a length");
+    assert!(moved < 1e-6, "{moved}");
+    // Of two that are as large the second is turned.
+    let turned = |k: usize| found["patches"][k]["turned_over"].as_bool();
+    assert_eq!((turned(0), turned(1)), (Some(false), Some(true)));
+}
+
+/// `--unit` is that of a file that names none, beside one that names its own; ε may name its unit, too.
+#[test]
+fn units_of_files_and_lengths_are_kept_apart() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("zone.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    let text = std::fs::read_to_string(path("zone.obj")).expect("text");
+    std::fs::write(path("named.obj"), format!("# unit mm\n{text}")).expect("a file");
+    zone(&path("inches.obj"), -20.0, 60.0, 2.3, 1.0 / 25.4, false);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    assert_eq!(run("info named.obj --json").ok().json()["unit"], "mm");
+    let said = run("merge named.obj inches.obj --unit in --epsilon 0.01in --json").ok();
+    let found = said.json();
+    assert_eq!(
+        (&found["unit"], &found["parts"]),
+        (&"mm".into(), &1.into()),
+        "{found:#}"
+    );
+    assert!(said.stderr.contains("turned from in into mm"), "{}", said.stderr);
+    let left = run("merge named.obj inches.obj");
+    assert_eq!(left.code, 1, "{}", left.stderr);
+}
+
+/// A patch that crosses itself is named with the triangles of its file that do.
+#[test]
+fn a_patch_that_crosses_itself_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    let mut text = std::fs::read_to_string(path("b.obj")).expect("text");
+    // A spike through the zone, the last triangle of the file.
+    let (vertices, faces) = (text.matches("\nv ").count() + 1, text.matches("\nf ").count());
+    text += &format!(
+        "v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n",
+        vertices + 1,
+        vertices + 2,
+        vertices + 3
+    );
+    std::fs::write(path("b.obj"), text).expect("a file");
+    let said = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
+    assert!(said.stderr.contains("b.obj crosses itself"), "{}", said.stderr);
+    assert!(
+        said.stderr.contains(&format!("and {faces} (counted from 0)")),
+        "{}",
+        said.stderr
+    );
+    assert!(
+        said.stderr.contains("the merged mesh crosses itself"),
+        "{}",
+        said.stderr
+    );
+}
+
+/// A thing of kilometres, and one of nanometres, is merged as one of millimetres.
+#[test]
+fn the_scale_of_a_thing_does_not_matter() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let merged = [1.0, 1e6, 1e-6].map(|scale| {
+        zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, scale, false);
+        zone(&folder.path().join("b.obj"), -20.0, 60.0, 2.3, scale, false);
+        let found = planish(folder.path(), &["merge", "a.obj", "b.obj", "-o", "w.ply", "--json"])
+            .ok()
+            .json();
+        assert_eq!(found["parts"], 1, "{found:#}");
+        assert_eq!(found["boundary_edges"], 144, "{found:#}");
+        found["triangles"].as_f64().expect("a number")
+    });
+    // Rounding decides which patch has places that both have equally.
+    for other in &merged[1..] {
+        assert!((other / merged[0] - 1.0).abs() < 0.02, "{merged:?}");
+    }
+}
+
+/// What no patch covers is the bound's, flagged as completed.
+#[test]
+fn a_bound_stands_where_no_patch_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    zone(&path("bound.obj"), -89.0, 89.0, 1.1, 1.01, false);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json")
+        .ok()
+        .json();
+    let of_bound = found["completed"]["vertices"].as_u64().expect("a number");
+    assert!(
+        of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1,
+        "{found:#}"
+    );
+    // Two holes at the poles of the bound.
+    assert_eq!(found["boundary_edges"], 144, "{found:#}");
+    let read = run("info w.ply --json").ok().json();
+    assert!(
+        read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI,
+        "{read:#}"
+    );
+    // Patches that face inwards are turned over.
+    zone(&path("a_in.obj"), -60.0, 20.0, 0.0, 1.0, true);
+    zone(&path("b_in.obj"), -20.0, 60.0, 2.3, 1.0, true);
+    let inwards = run("merge a_in.obj b_in.obj --complete bound.obj -o in.ply --json").ok();
+    let turned = inwards.json();
+    assert_eq!(turned["completed"]["vertices"].as_u64(), Some(of_bound), "{turned:#}");
+    assert!(turned.to_string().contains("faced inwards"), "{turned:#}");
+    let refused = run("merge a.obj b.obj --complete none.obj -o x.ply");
+    assert!(
+        refused.code == 3 && refused.stderr.contains("none.obj"),
+        "{}",
+        refused.stderr
+    );
+    assert_eq!(run("merge a.obj b.obj --complete bound.obj -o bound.obj").code, 2);
+}

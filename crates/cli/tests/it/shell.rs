@@ -1,0 +1,276 @@
+//! `planish shell mesh`, `planish shell pose` and the scene that makes things for them, from files to files.
+
+use crate::support::planish;
+use std::path::Path;
+
+/// Lines of a text file that begin with a word.
+fn lines(folder: &Path, name: &str, word: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(folder.join(name)).expect("a file");
+    text.lines()
+        .filter(|line| line.split(' ').next() == Some(word))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Numbers of the lines that begin with a word.
+fn numbers(folder: &Path, name: &str, word: &str) -> Vec<Vec<f64>> {
+    let of = |line: &String| line.split(' ').skip(1).map(|x| x.parse().expect("a number")).collect();
+    lines(folder, name, word).iter().map(of).collect()
+}
+
+/// A tetrahedron in two parts, with texture coordinates, and one face missing.
+const OPEN: &str = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nvt 0 0\nvt 1 0\nvt 0 1\ng bottom\nf 1/1 3/3 2/2\ng sides\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\n";
+
+#[test]
+fn an_open_mesh_has_a_closed_shell_and_no_offset() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("a.obj"), OPEN).expect("written");
+    let args = [
+        "shell",
+        "mesh",
+        "a.obj",
+        "--thickness",
+        "1",
+        "--softness",
+        "0.2",
+        "--cell",
+        "0.5",
+        "-o",
+        "s.off",
+        "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    assert!(
+        said["watertight"] == true && said["manifold"] == true && said["components"] == 1,
+        "{said}"
+    );
+    assert!(said["deviation_max"].as_f64().expect("a number") < 0.2, "{said}");
+    let faces = lines(folder.path(), "s.off", "3").len() as u64;
+    assert_eq!(faces, said["triangles"].as_u64().expect("a number"));
+    let said = planish(
+        folder.path(),
+        &[
+            "shell",
+            "mesh",
+            "a.obj",
+            "--surface",
+            "offset",
+            "--offset",
+            "1",
+            "-o",
+            "o.ply",
+        ],
+    );
+    assert!(
+        said.code == 1 && said.stderr.contains("a.obj") && said.stderr.contains("open edges"),
+        "{}",
+        said.stderr
+    );
+    assert!(!folder.path().join("o.ply").exists());
+}
+
+#[test]
+fn poses_keep_texture_coordinates_and_rigid_parts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("a.obj", OPEN);
+    write(
+        "p.toml",
+        "controls = 4\nblend = 0\n[[pose]]\nname = \"up\"\nmove = [{ near = [0, 0, 10], by = [0, 0, 5] }]\n[[keyframe]]\nseconds = 0\nweights = { up = 1 }\n",
+    );
+    let args = [
+        "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "bottom", "-o", "b.obj", "-o", "b.glb", "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    assert!(
+        said["poses"][0]["moved"] == 1 && said["rigid"][0]["vertices"] == 3,
+        "{said}"
+    );
+    let of = |name: &str, word: &str| numbers(folder.path(), name, word);
+    assert_eq!(of("a.obj", "vt"), of("b.obj", "vt"));
+    assert_eq!(lines(folder.path(), "a.obj", "f"), lines(folder.path(), "b.obj", "f"));
+    let (before, after) = (of("a.obj", "v"), of("b.obj", "v"));
+    assert_eq!(after[3], [0.0, 0.0, 15.0]);
+    let length = |points: &[Vec<f64>]| {
+        (0..3)
+            .map(|k| (points[0][k] - points[1][k]).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    assert!((length(&before) - length(&after)).abs() < 1e-9);
+    let glb = std::fs::read(folder.path().join("b.glb")).expect("a file");
+    assert!(glb.starts_with(b"glTF"));
+    let said = planish(
+        folder.path(),
+        &[
+            "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "head", "-o", "c.glb",
+        ],
+    );
+    assert!(
+        said.code == 2 && said.stderr.contains("`head`") && said.stderr.contains("bottom, sides"),
+        "{}",
+        said.stderr
+    );
+    write(
+        "p.toml",
+        "[[pose]]\nname = \"up\"\nmove = [{ control = 99, by = [0, 0, 5] }]\n",
+    );
+    let said = planish(
+        folder.path(),
+        &["shell", "pose", "a.obj", "--poses", "p.toml", "-o", "c.glb"],
+    );
+    assert!(
+        said.code == 2 && said.stderr.contains("pose `up`") && said.stderr.contains("found 99"),
+        "{}",
+        said.stderr
+    );
+}
+
+#[test]
+fn the_scene_has_what_shells_are_fitted_to() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let args = [
+        "simulate", "scene", "shell", "--out", "bent", "--points", "500", "--views", "2", "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    assert_eq!(said["rows"], 500);
+    for name in [
+        "mesh.obj",
+        "points.ply",
+        "truth.ply",
+        "truth.json",
+        "views.toml",
+        "mask01.png",
+        "mask02.png",
+    ] {
+        assert!(folder.path().join("bent").join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn a_sequence_is_followed_frame_by_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("frames")).expect("a folder");
+    for (name, seed) in [("a", "1"), ("b", "2")] {
+        let out = format!("frames/{name}");
+        let args = [
+            "simulate",
+            "scene",
+            "shell",
+            "--out",
+            &out,
+            "--points",
+            "300",
+            "--views",
+            "2",
+            "--controls",
+            "8",
+            "--deformation",
+            "0.01",
+            "--seed",
+            seed,
+        ];
+        planish(folder.path(), &args).ok();
+    }
+    let args = [
+        "shell",
+        "fit",
+        "frames/a/mesh.obj",
+        "--sequence",
+        "frames",
+        "--controls",
+        "10",
+        "-o",
+        "moved.ply",
+        "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    let frames = said["frames"].as_array().expect("frames");
+    assert_eq!(frames.len(), 2, "{said}");
+    for (frame, name) in frames.iter().zip(["a", "b"]) {
+        // σ of points is 0.2 % of some 173 mm; a pixel is about half a millimetre.
+        let rms = frame["rms_points"].as_f64().expect("a number");
+        assert!(frame["frame"] == name && rms < 1.0, "{frame}");
+        assert!(frame["iou"].as_f64().expect("a number") > 0.95, "{frame}");
+        assert!(folder.path().join(format!("moved.{name}.ply")).is_file());
+    }
+    // The first has nothing before it that could surprise.
+    assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
+    std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
+    let said = planish(folder.path(), &args);
+    assert!(
+        said.code == 2 && said.stderr.contains("needed views.toml or points.*"),
+        "{}",
+        said.stderr
+    );
+    let args = [
+        "shell",
+        "fit",
+        "frames/a/mesh.obj",
+        "--sequence",
+        "frames",
+        "--points",
+        "frames/a/points.ply",
+    ];
+    assert_eq!(planish(folder.path(), &args).code, 2);
+}
+
+#[test]
+fn a_mesh_is_coloured_from_pictures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    // Two sheets that are seen from above and from below; the picture is red to the left and blue to the right.
+    let mut sheet = String::from("# unit mm\n");
+    for y in 0..9 {
+        for x in 0..9 {
+            sheet += &format!("v {x} {y} 0\n");
+        }
+    }
+    for y in 0..8 {
+        for x in 0..8 {
+            let a = 9 * y + x + 1;
+            sheet += &format!("f {} {} {}\nf {} {} {}\n", a, a + 1, a + 10, a, a + 10, a + 9);
+        }
+    }
+    write("a.obj", &sheet);
+    let row = "250 10 10 ".repeat(20) + &"10 10 250 ".repeat(21) + "\n";
+    write("p.ppm", &format!("P3 41 41 255\n{}", row.repeat(41)));
+    // From above: x to the right, y downwards.
+    write(
+        "views.toml",
+        "unit = \"mm\"\n[[view]]\nimage = \"p.ppm\"\nK = [[80, 0, 20], [0, 80, 20], [0, 0, 1]]\nR = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]\nt = [-4, 4, 20]\n",
+    );
+    let args = [
+        "shell",
+        "texture",
+        "a.obj",
+        "--views",
+        "views.toml",
+        "--colours",
+        "vertices",
+        "-o",
+        "c.ply",
+        "--json",
+    ];
+    let said = planish(folder.path(), &args).ok().json();
+    // The border of the sheet lies at a jump of the depth.
+    assert!(
+        said["vertices"] == 81 && said["seen"] == 49 && said["filled"] == 32 && said["texture"].is_null(),
+        "{said}"
+    );
+    assert!(
+        said["views"][0]["view"] == "p" && said["views"][0]["seen"] == 49,
+        "{said}"
+    );
+    let said = planish(folder.path(), &["info", "c.ply"]).ok();
+    assert!(said.stdout.contains("81"), "{}", said.stdout);
+    let said = planish(
+        folder.path(),
+        &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"],
+    );
+    assert!(
+        said.code == 2 && said.stderr.contains(".obj (with a texture)"),
+        "{}",
+        said.stderr
+    );
+}
