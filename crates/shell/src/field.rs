@@ -21,7 +21,7 @@
 
 use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{cross, distance, norm, scale, sub};
+use planish_estimate::vector3::{cross, distance, dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
 use rayon::prelude::*;
@@ -439,6 +439,43 @@ impl<'a> Shell<'a> {
                 };
                 visit(vertices[corner], (by_corner + by_m.cross(&side)).into());
             }
+        }
+    }
+
+    /// The height of a place over the plane of a facet that is near, the plane's normal, how far beside the facet its foot is, and the facet's area.
+    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> (f64, [f64; 3], f64, f64) {
+        let facet = &self.facets[one.near.facet as usize];
+        let off = sub(at, one.near.point);
+        let height = dot(facet.normal, off);
+        let across = (dot(off, off) - height * height).max(0.0).sqrt();
+        (height, facet.normal, across, facet.area)
+    }
+
+    /// `∂h/∂V_j` of the height over a facet's plane, times `share`.
+    pub(crate) fn height_by_vertices(
+        &self,
+        at: [f64; 3],
+        one: &Share,
+        share: f64,
+        visit: &mut impl FnMut(u32, [f64; 3]),
+    ) {
+        let facet = &self.facets[one.near.facet as usize];
+        let vertices = self.mesh.triangles[one.near.facet as usize];
+        let corners = self.mesh.corners(one.near.facet as usize);
+        let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
+        let off = Vector3::from(sub(at, one.near.point));
+        if twice <= 0.0 {
+            return;
+        }
+        let by_m = (share / twice) * (off - off.dot(&own) * own);
+        let by_skeleton = -share * own;
+        for corner in 0..3 {
+            let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
+            let by_corner = match self.skeletons.get(one.near.facet as usize) {
+                None => one.near.barycentric[corner] * by_skeleton,
+                Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
+            };
+            visit(vertices[corner], (by_corner + by_m.cross(&side)).into());
         }
     }
 

@@ -10,6 +10,8 @@
 //! with a redescending loss `ρ` (the paper's field saturates far away and so drops outliers by itself; a distance does not), and `λ` by marginal likelihood ([`smoothness`]). σ of points, of outlines and of tracks are each true up to a factor
 //! that the residuals say, corrected for the parameters. The sharpness `k` rises step by step: coarse fields see over gaps and thin parts, sharp ones are exact.
 //!
+//! In the last of them every sheet near a point has an equation of its own, weighed by the probability that the point is of it ([`sheets`]).
+//!
 //! Pixels inside and outside of masks count in the sum while they are wrong, and not in the covariance: an inequality that holds tells nothing.
 //!
 //! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards first ([`outward`]).
@@ -22,6 +24,7 @@ mod outward;
 mod problem;
 mod readings;
 mod sequence;
+mod sheets;
 mod sight;
 mod smoothness;
 mod solve;

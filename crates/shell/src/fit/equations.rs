@@ -61,6 +61,8 @@ pub(super) struct Equation {
     pub distance: f64,
     /// Its σ as stated.
     pub sigma: f64,
+    /// The probability that it is the right one of its reading's, and what is added to its cost for that.
+    pub chance: (f64, f64),
     /// Ends of its entries by vertices and by poses.
     vertices_end: u32,
     poses_end: u32,
@@ -71,6 +73,11 @@ pub(super) struct Equation {
 impl Equation {
     pub(super) fn normalized(&self) -> f64 {
         self.distance / self.sigma
+    }
+
+    /// Whether it is the one of its reading's that is most likely right.
+    pub(super) fn is_likely(&self) -> bool {
+        self.chance.0 > 0.5
     }
 }
 
@@ -109,10 +116,18 @@ impl Equations {
             reading,
             distance,
             sigma,
+            chance: (1.0, 0.0),
             vertices_end: self.by_vertices.len() as u32,
             poses_end: self.by_poses.len() as u32,
             lacks_derivatives: false,
         });
+    }
+
+    /// The last equation is the right one of its reading's with a probability only.
+    pub(super) fn last_is_right_by(&mut self, probability: f64, surprise: f64) {
+        if let Some(last) = self.list.last_mut() {
+            last.chance = (probability, surprise);
+        }
     }
 
     /// Adds an equation that weighs nothing.
@@ -153,7 +168,10 @@ pub(super) struct Pass {
 /// What all equations cost.
 pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
     (all.iter().flat_map(|some| &some.list))
-        .map(|e| e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]))
+        .map(|e| {
+            let (probability, surprise) = e.chance;
+            probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + surprise)
+        })
         .sum()
 }
 
@@ -184,7 +202,8 @@ pub(super) fn sum(
                 }
                 let sigma = equation.sigma * factors[equation.source.scale()];
                 let variance = sigma * sigma * together[equation.source.scale()];
-                let weight = equation.source.loss(loss).weight(equation.distance / sigma) / variance;
+                let weight =
+                    equation.chance.0 * equation.source.loss(loss).weight(equation.distance / sigma) / variance;
                 if weight <= 0.0 {
                     continue;
                 }

@@ -2,7 +2,7 @@
 //!
 //! Comes in: parameters and poses. Goes out: the deformed mesh, and an equation for every reading.
 //!
-//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9).
+//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last field one such equation for each sheet near it ([`super::sheets`]).
 //! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope theorem).
 //!   σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
 //! - A pixel inside of a mask must hit, one outside must not: the same minimum counts while its sign is wrong.
@@ -10,6 +10,7 @@
 
 use super::equations::{ByVertex, Equations, SCALES, Source};
 use super::readings::{OutlineKind, ShellReadings};
+use super::sheets::Sheets;
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
 use crate::camera::Camera;
@@ -49,6 +50,8 @@ pub(super) struct Problem<'a> {
     pub slots: &'a [Option<u32>],
     /// The points that are looked at, one after the other.
     pub chosen: &'a [u32],
+    /// Whether each sheet that is near a point has an equation of its own.
+    pub by_sheets: bool,
 }
 
 /// What readings are weighed by: those that weigh nothing need no derivatives.
@@ -71,6 +74,7 @@ struct Gathered {
     /// One more than the place of each vertex in the list; zero where it is not there.
     places: Vec<u32>,
     list: Vec<ByVertex>,
+    sheets: Sheets,
 }
 
 impl Gathered {
@@ -171,6 +175,11 @@ impl Problem<'_> {
                     let Some(found) = shell.distance(point.at, &mut shares) else {
                         continue;
                     };
+                    if let Some(weighing) = weighing.filter(|_| self.by_sheets)
+                        && self.point_by_sheets(i, shell, &shares, weighing, gathered, &mut made)
+                    {
+                        continue;
+                    }
                     let residual = (found.distance, point.sigma(found.gradient));
                     if weighing.is_some_and(|w| w.leaves_out(Source::Point, residual.0 / residual.1)) {
                         made.push_without_derivatives(Source::Point, i, residual);
@@ -220,6 +229,45 @@ impl Problem<'_> {
             (_, None) => {}
         }
         made
+    }
+
+    /// The equations of a point, one of each sheet that it may be of; none where no facet near by has an area.
+    fn point_by_sheets(
+        &self,
+        i: u32,
+        shell: &Shell<'_>,
+        shares: &[Share],
+        weighing: Weighing<'_>,
+        gathered: &mut Gathered,
+        made: &mut Equations,
+    ) -> bool {
+        let point = &self.readings.points[i as usize];
+        let [xx, _, _, yy, _, zz] = point.covariance;
+        let factor = weighing.factors[Source::Point.scale()];
+        let mut sheets = std::mem::take(&mut gathered.sheets);
+        sheets.find(
+            shell,
+            point.at,
+            shares,
+            factor * ((xx + yy + zz) / 3.0).sqrt(),
+            weighing.loss,
+        );
+        let mut any = false;
+        for (g, sheet) in sheets.likely() {
+            any = true;
+            let residual = (sheet.height, point.sigma(sheet.normal));
+            if weighing.leaves_out(Source::Point, residual.0 / residual.1) {
+                made.push_without_derivatives(Source::Point, i, residual);
+            } else {
+                sheets.by_vertices(g, shell, point.at, shares, |v, by| {
+                    self.each_own(v, by, |v, by| gathered.add(v, by))
+                });
+                made.push(Source::Point, i, residual, gathered.take(), &[]);
+            }
+            made.last_is_right_by(sheet.probability, sheet.surprise);
+        }
+        gathered.sheets = sheets;
+        any
     }
 
     fn outline(

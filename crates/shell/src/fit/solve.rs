@@ -228,6 +228,7 @@ pub(super) fn solve(
             },
             slots: &slots,
             chosen: if coarse { &few } else { &all },
+            by_sheets: !coarse,
         };
         let mut damping = 1e-3;
         termination = Termination::Limit;
@@ -235,7 +236,12 @@ pub(super) fn solve(
             loss: &options.loss,
             factors,
         };
-        let mut equations = problem.equations(&state, (step > 0).then_some(first))?;
+        // Derivatives that were left out are asked for again, by the factors that now hold.
+        let again = |factors| {
+            let loss = &options.loss;
+            problem.by_sheets.then_some(Weighing { loss, factors })
+        };
+        let mut equations = problem.equations(&state, (step > 0 || problem.by_sheets).then_some(first))?;
         let mut weight = 0.0;
         let mut length_before = f64::INFINITY;
         for _ in 0..options.iterations {
@@ -245,7 +251,7 @@ pub(super) fn solve(
                 factors = scales(&equations, used, factors)?;
             }
             if Equations::lack_derivatives(&equations, &options.loss, &factors) {
-                equations = problem.equations(&state, None)?;
+                equations = problem.equations(&state, again(factors))?;
             }
             let weighing = Weighing {
                 loss: &options.loss,
@@ -299,7 +305,7 @@ pub(super) fn solve(
         if step + 1 == options.steps && !options.believe_sigma {
             factors = scales(&equations, used, factors)?;
             if Equations::lack_derivatives(&equations, &options.loss, &factors) {
-                equations = problem.equations(&state, None)?;
+                equations = problem.equations(&state, again(factors))?;
             }
         }
         last = Some((equations, weight));
@@ -369,7 +375,9 @@ fn misfits(equations: &[Equations], factors: &[f64; SCALES], known: &Known<'_>) 
     let of = |source: Source| {
         let factor = factors[source.scale()];
         let residuals: Vec<Residual> = (equations.iter().flat_map(|some| &some.list))
-            .filter(|e| e.source == source && known.options.loss.weight(e.normalized() / factor) >= NOTHING)
+            .filter(|e| {
+                e.source == source && e.is_likely() && known.options.loss.weight(e.normalized() / factor) >= NOTHING
+            })
             .map(|e| Residual {
                 at: match source {
                     Source::Point => readings.points[e.reading as usize].at,
@@ -414,6 +422,9 @@ fn source_fit(
             continue;
         }
         outliers[reading] = false;
+        if !equation.is_likely() {
+            continue;
+        }
         let residual = match source {
             Source::Point => equation.distance,
             Source::Outline => equation.normalized() * sigmas_px[reading],
@@ -440,7 +451,7 @@ fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
 fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[f64; SCALES]> {
     let mut of_scale: [Vec<f64>; SCALES] = Default::default();
     for equation in equations.iter().flat_map(|some| &some.list) {
-        if equation.source != Source::Region {
+        if equation.source != Source::Region && equation.is_likely() {
             of_scale[equation.source.scale()].push(equation.normalized());
         }
     }

@@ -1,0 +1,276 @@
+//! Which sheet of a mesh a point is of, where several are near.
+//!
+//! Comes in: a point, and the facets that are near it. Goes out: sheets, facets that face the same way at one height; for each the height of the point over it, and with what probability the point was measured there.
+//!
+//! Where sheets meet or cross, or lie on one another, the mean of their heights is no distance from any of them, and the nearest of them is too often the wrong one. A point that was measured with noise of σ somewhere on the mesh has the density
+//!
+//! `Σ_g m_g exp(−ρ(h_g/σ))`,
+//!
+//! with `h_g` its height over sheet `g` and `m_g` how much of the sheet lies beside its foot: of a Gaussian of σ in the plane, the part that is on the sheet. Its logarithm has the derivative `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with `p_g` the share
+//! of sheet `g` in the sum: every sheet has an equation of its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via the EM algorithm*, 1977). On
+//! the true surface these derivatives are zero in the mean. Which way normals point is not asked for: a sheet that is turned over has the same equation with both signs changed.
+//!
+//! Not guaranteed: `m` is that of a half plane or of a small piece, whole above a facet; that it changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the sheet.
+
+use crate::field::{Share, Shell};
+use planish_estimate::Loss;
+use planish_estimate::vector3::dot;
+use std::f64::consts::TAU;
+
+/// Facets with a cosine above this face the same way.
+const ALIKE: f64 = 0.9;
+/// Facets that face the same way are of one sheet if a point's heights over them differ by less than so many σ.
+const NEAR: f64 = 1.0;
+/// A sheet less probable than this has no equation.
+const LEAST: f64 = 0.01;
+
+/// A facet that is near, as one of a sheet.
+#[derive(Debug, Clone, Copy)]
+struct Member {
+    normal: [f64; 3],
+    height: f64,
+    /// `m`: how much of the facet lies beside the foot.
+    mass: f64,
+    /// Its part of the sheet's height.
+    part: f64,
+    sheet: usize,
+}
+
+/// A sheet near a point.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sheet {
+    /// The point's height over it.
+    pub height: f64,
+    /// The normal of its nearest facet.
+    pub normal: [f64; 3],
+    /// The probability that the point is of it.
+    pub probability: f64,
+    /// `ln(p/m)`, with masses `m` that sum to one over the sheets.
+    pub surprise: f64,
+    mass: f64,
+    /// The height over its nearest facet.
+    first: f64,
+}
+
+/// Sheets near one point after the other.
+#[derive(Debug, Default)]
+pub(super) struct Sheets {
+    members: Vec<Member>,
+    order: Vec<usize>,
+    pub list: Vec<Sheet>,
+}
+
+/// `Φ(−t)`, to 1 %.
+fn beyond(t: f64) -> f64 {
+    0.5 * (-t * (0.717 + 0.416 * t)).exp()
+}
+
+impl Sheets {
+    /// Finds the sheets among the facets of `shares`; `sigma` is the mean of the point's over all directions. None are found where no facet has an area.
+    pub(super) fn find(&mut self, shell: &Shell<'_>, at: [f64; 3], shares: &[Share], sigma: f64, loss: &Loss) {
+        self.members.clear();
+        self.order.clear();
+        self.list.clear();
+        for one in shares {
+            let (height, normal, across, area) = shell.over(at, one);
+            let in_plane = across / sigma;
+            // A small piece is as much as the Gaussian has there; a large one ends at its border.
+            let whole = area / (TAU * sigma * sigma);
+            let small = whole * (-0.5 * in_plane * in_plane).exp();
+            let large = if in_plane > 0.0 { beyond(in_plane) } else { 1.0 };
+            self.members.push(Member {
+                normal,
+                height,
+                mass: small.min(large),
+                part: 0.0,
+                sheet: usize::MAX,
+            });
+        }
+        let (members, order) = (&mut self.members, &mut self.order);
+        order.extend((0..members.len()).filter(|i| members[*i].mass > 0.0));
+        let weight = |m: &Member| m.mass * (-0.5 * (m.height / sigma).powi(2)).exp();
+        order.sort_by(|a, b| weight(&members[*b]).total_cmp(&weight(&members[*a])).then(a.cmp(b)));
+        for &i in order.iter() {
+            let own = members[i];
+            let found = (self.list.iter()).position(|sheet| {
+                dot(sheet.normal, own.normal) > ALIKE && (sheet.first - own.height).abs() < NEAR * sigma
+            });
+            let g = found.unwrap_or(self.list.len());
+            if found.is_none() {
+                self.list.push(Sheet {
+                    normal: own.normal,
+                    first: own.height,
+                    ..Sheet::default()
+                });
+            }
+            let sheet = &mut self.list[g];
+            sheet.height += own.mass * own.height;
+            sheet.mass += own.mass;
+            members[i].sheet = g;
+        }
+        for sheet in &mut self.list {
+            sheet.height /= sheet.mass;
+        }
+        for &i in order.iter() {
+            members[i].part = members[i].mass / self.list[members[i].sheet].mass;
+        }
+        self.weigh(sigma, loss);
+    }
+
+    /// Probabilities of the sheets that were found.
+    fn weigh(&mut self, sigma: f64, loss: &Loss) {
+        let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
+        let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
+        let masses: f64 = self.list.iter().map(|sheet| sheet.mass).sum();
+        let density = |sheet: &Sheet| sheet.mass * (least - cost(sheet)).exp();
+        let all: f64 = self.list.iter().map(density).sum();
+        for sheet in &mut self.list {
+            sheet.probability = density(sheet) / all;
+            sheet.surprise = (least - cost(sheet)).exp().ln() - (all / masses).ln();
+        }
+    }
+
+    /// Sheets that count, with their numbers.
+    pub(super) fn likely(&self) -> impl Iterator<Item = (usize, &Sheet)> {
+        (self.list.iter().enumerate()).filter(|(_, sheet)| sheet.probability >= LEAST)
+    }
+
+    /// `∂h_g/∂V_j` for every vertex that the height over sheet `g` depends on.
+    pub(super) fn by_vertices(
+        &self,
+        g: usize,
+        shell: &Shell<'_>,
+        at: [f64; 3],
+        shares: &[Share],
+        mut visit: impl FnMut(u32, [f64; 3]),
+    ) {
+        for (one, member) in shares.iter().zip(&self.members) {
+            if member.sheet == g && member.part > 1e-3 {
+                shell.height_by_vertices(at, one, member.part, &mut visit);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::{Metaball, ShellOptions};
+    use planish_estimate::vector3::{cross, norm, sub};
+    use planish_mesh::TriangleMesh;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const SIGMA: f64 = 0.05;
+
+    /// A floor, facets 0 and 1, and a fin that stands on it along `y`.
+    fn floor_with_a_fin() -> TriangleMesh {
+        let positions = vec![
+            [-1.0, -1.0, 0.0],
+            [1.0, -1.0, 0.0],
+            [1.0, 1.0, 0.0],
+            [-1.0, 1.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 1.0, 1.0],
+            [0.0, -1.0, 1.0],
+        ];
+        TriangleMesh {
+            positions,
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
+        }
+    }
+
+    /// The floor beside a fin would be pressed down if each point were of the nearest sheet: those above it that are nearer to the fin would be missing.
+    #[test]
+    fn a_floor_stays_where_it_is_beside_a_fin() {
+        let mesh = floor_with_a_fin();
+        let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
+        let (mut by_probability, mut by_nearest, mut squares, count) = (0.0, 0.0, 0.0, 40_000);
+        for _ in 0..count {
+            let (s, y) = (random.random_range(-0.25..0.5), random.random_range(-0.5..0.5));
+            let on = if s < 0.25 { [s, y, 0.0] } else { [0.0, y, s - 0.25] };
+            let at = on.map(|x| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                x + SIGMA * noise
+            });
+            let found = shell.distance(at, &mut shares).unwrap();
+            sheets.find(&shell, at, &shares, SIGMA, &Loss::tukey());
+            let total: f64 = sheets.list.iter().map(|sheet| sheet.probability).sum();
+            assert!((total - 1.0).abs() < 1e-9, "{total}");
+            for (_, sheet) in sheets.likely().filter(|(_, sheet)| sheet.normal[2] > 0.5) {
+                by_probability += sheet.probability * sheet.height / SIGMA;
+                squares += (sheet.probability * sheet.height / SIGMA).powi(2);
+            }
+            if found.facet < 2 {
+                by_nearest += at[2] / SIGMA;
+            }
+        }
+        let noise = squares.sqrt();
+        assert!(by_nearest < -10.0 * noise, "{by_nearest} of {noise}");
+        assert!(
+            by_probability.abs() < 0.35 * by_nearest.abs(),
+            "{by_probability} of {by_nearest}, noise {noise}"
+        );
+    }
+
+    /// Derivatives are those of the height over the plane, beside a facet as well as over it.
+    #[test]
+    fn derivatives_are_those_of_the_height() {
+        let mut mesh = floor_with_a_fin();
+        mesh.triangles = vec![[0, 1, 2]];
+        let height = |mesh: &TriangleMesh, at: [f64; 3]| {
+            let [a, b, c] = mesh.corners(0);
+            let m = cross(sub(b, a), sub(c, a));
+            dot(m, sub(at, a)) / norm(m)
+        };
+        for at in [[0.3, -0.2, 0.1], [1.1, 0.3, -0.05], [-0.3, 0.2, 0.2], [1.05, 1.1, 0.1]] {
+            let mut by = [[0.0; 3]; 3];
+            {
+                let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
+                let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
+                shell.distance(at, &mut shares).unwrap();
+                sheets.find(&shell, at, &shares, 0.2, &Loss::tukey());
+                assert!((sheets.list[0].height - height(&mesh, at)).abs() < 1e-12);
+                sheets.by_vertices(0, &shell, at, &shares, |v, d| {
+                    (0..3).for_each(|k| by[v as usize][k] += d[k]);
+                });
+            }
+            for (v, by) in by.iter().enumerate() {
+                for (k, by) in by.iter().enumerate() {
+                    let moved = |step: f64| {
+                        let mut other = mesh.clone();
+                        other.positions[v][k] += step;
+                        height(&other, at)
+                    };
+                    let difference = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+                    assert!((by - difference).abs() < 1e-6, "{at:?} {v} {k}: {by} {difference}");
+                }
+            }
+        }
+    }
+
+    /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not of their mean.
+    #[test]
+    fn parallel_sheets_are_told_apart() {
+        let mut mesh = floor_with_a_fin();
+        mesh.triangles.truncate(2);
+        for k in 0..4 {
+            let [x, y, _] = mesh.positions[k];
+            mesh.positions[4 + k] = [x, y, 3.0 * SIGMA];
+        }
+        mesh.triangles.extend([[4, 5, 6], [4, 6, 7]]);
+        let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
+        let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
+        let at = [0.3, -0.2, SIGMA];
+        shell.distance(at, &mut shares).unwrap();
+        sheets.find(&shell, at, &shares, SIGMA, &Loss::Gaussian);
+        assert_eq!(sheets.list.len(), 2, "{:?}", sheets.list);
+        let ratio = sheets.list[0].probability / sheets.list[1].probability;
+        assert!((ratio.ln() - 1.5).abs() < 0.05, "{ratio}");
+        assert!((sheets.list[1].height + 2.0 * SIGMA).abs() < 1e-9);
+    }
+}
