@@ -150,6 +150,20 @@ impl Sums {
     }
 }
 
+/// A place over the plane of a facet.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Over {
+    /// How high, along `normal`.
+    pub height: f64,
+    pub normal: [f64; 3],
+    /// How far the foot is from the skeleton.
+    pub across: f64,
+    /// The facet's area.
+    pub area: f64,
+    /// How far within each side of the facet the foot is; negative beyond it.
+    pub within: [f64; 3],
+}
+
 impl<'a> Shell<'a> {
     /// Wraps a mesh. Cost O(n log n); some milliseconds for 20 000 facets.
     ///
@@ -442,13 +456,23 @@ impl<'a> Shell<'a> {
         }
     }
 
-    /// The height of a place over the plane of a facet that is near, the plane's normal, how far beside the facet its foot is, and the facet's area.
-    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> (f64, [f64; 3], f64, f64) {
+    /// The height of a place over the plane of a facet that is near, and where its foot is in that plane.
+    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> Over {
         let facet = &self.facets[one.near.facet as usize];
+        let corners = self.mesh.corners(one.near.facet as usize);
         let off = sub(at, one.near.point);
         let height = dot(facet.normal, off);
-        let across = (dot(off, off) - height * height).max(0.0).sqrt();
-        (height, facet.normal, across, facet.area)
+        let within = [0, 1, 2].map(|k| {
+            let side = sub(corners[(k + 1) % 3], corners[k]);
+            dot(cross(facet.normal, side), sub(at, corners[k])) / norm(side).max(f64::MIN_POSITIVE)
+        });
+        Over {
+            height,
+            normal: facet.normal,
+            across: (dot(off, off) - height * height).max(0.0).sqrt(),
+            area: facet.area,
+            within,
+        }
     }
 
     /// `∂h/∂V_j` of the height over a facet's plane, times `share`.

@@ -10,7 +10,7 @@
 //! of sheet `g` in the sum: every sheet has an equation of its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via the EM algorithm*, 1977). On
 //! the true surface these derivatives are zero in the mean. Which way normals point is not asked for: a sheet that is turned over has the same equation with both signs changed.
 //!
-//! Not guaranteed: `m` is that of a half plane or of a small piece, whole above a facet; that it changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the sheet.
+//! Not guaranteed: `m` is that of the half planes within the facet's sides, or of a small piece; that it changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the sheet.
 
 use crate::field::{Share, Shell};
 use planish_estimate::Loss;
@@ -60,9 +60,10 @@ pub(super) struct Sheets {
     pub list: Vec<Sheet>,
 }
 
-/// `Φ(−t)`, to 1 %.
-fn beyond(t: f64) -> f64 {
-    0.5 * (-t * (0.717 + 0.416 * t)).exp()
+/// `Φ(t)`, to 0.01.
+fn up_to(t: f64) -> f64 {
+    let beyond = 0.5 * (-t.abs() * (0.717 + 0.416 * t.abs())).exp();
+    if t < 0.0 { beyond } else { 1.0 - beyond }
 }
 
 impl Sheets {
@@ -72,15 +73,14 @@ impl Sheets {
         self.order.clear();
         self.list.clear();
         for one in shares {
-            let (height, normal, across, area) = shell.over(at, one);
-            let in_plane = across / sigma;
-            // A small piece is as much as the Gaussian has there; a large one ends at its border.
-            let whole = area / (TAU * sigma * sigma);
-            let small = whole * (-0.5 * in_plane * in_plane).exp();
-            let large = if in_plane > 0.0 { beyond(in_plane) } else { 1.0 };
+            let over = shell.over(at, one);
+            // A small piece is as much as the Gaussian has there; a large one ends at its sides.
+            let in_plane = over.across / sigma;
+            let small = over.area / (TAU * sigma * sigma) * (-0.5 * in_plane * in_plane).exp();
+            let large: f64 = over.within.iter().map(|d| up_to(d / sigma)).product();
             self.members.push(Member {
-                normal,
-                height,
+                normal: over.normal,
+                height: over.height,
                 mass: small.min(large),
                 part: 0.0,
                 sheet: usize::MAX,

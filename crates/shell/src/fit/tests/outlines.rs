@@ -334,6 +334,7 @@ fn derivatives_are_those_of_differences() {
             },
             slots: &slots,
             chosen: &[0, 1, 2],
+            by_sheets: false,
         };
         let way = DVector::from_fn(state.q.len() + 24, |_, _| normal());
         let step = 1e-5;
