@@ -7,8 +7,8 @@
 //! `Σ_g m_g exp(−ρ(h_g/σ))`,
 //!
 //! with `h_g` its height over sheet `g` and `m_g` how much of the sheet lies beside its foot: of a Gaussian of σ in the plane, the part that is on the sheet. Its logarithm has the derivative `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with `p_g` the share
-//! of sheet `g` in the sum: every sheet has an equation of its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via the EM algorithm*, 1977). On
-//! the true surface these derivatives are zero in the mean. Which way normals point is not asked for: a sheet that is turned over has the same equation with both signs changed.
+//! of sheet `g` in the sum: every sheet has an equation of its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via the EM algorithm*, 1977). With
+//! a Gaussian density these derivatives are zero in the mean on the true surface; that of a redescending loss has longer tails, which leaves a part of the bias that the nearest sheet has, with the other sign, but finds parts that start far away. Which way normals point is not asked for: a sheet that is turned over has the same equation with both signs changed.
 //!
 //! Not guaranteed: `m` is that of the half planes within the facet's sides, or of a small piece; that it changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the sheet.
 
@@ -187,6 +187,7 @@ mod tests {
     fn a_floor_stays_where_it_is_beside_a_fin() {
         let mesh = floor_with_a_fin();
         let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
+        let loss = Loss::tukey();
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
         let (mut by_probability, mut by_nearest, mut squares, count) = (0.0, 0.0, 0.0, 40_000);
@@ -198,21 +199,22 @@ mod tests {
                 x + SIGMA * noise
             });
             let found = shell.distance(at, &mut shares).unwrap();
-            sheets.find(&shell, at, &shares, SIGMA, &Loss::tukey());
+            sheets.find(&shell, at, &shares, SIGMA, &loss);
             let total: f64 = sheets.list.iter().map(|sheet| sheet.probability).sum();
             assert!((total - 1.0).abs() < 1e-9, "{total}");
             for (_, sheet) in sheets.likely().filter(|(_, sheet)| sheet.normal[2] > 0.5) {
-                by_probability += sheet.probability * sheet.height / SIGMA;
-                squares += (sheet.probability * sheet.height / SIGMA).powi(2);
+                let pull = sheet.probability * loss.weight(sheet.height / SIGMA) * sheet.height / SIGMA;
+                by_probability += pull;
+                squares += pull * pull;
             }
             if found.facet < 2 {
-                by_nearest += at[2] / SIGMA;
+                by_nearest += loss.weight(at[2] / SIGMA) * at[2] / SIGMA;
             }
         }
         let noise = squares.sqrt();
         assert!(by_nearest < -10.0 * noise, "{by_nearest} of {noise}");
         assert!(
-            by_probability.abs() < 0.35 * by_nearest.abs(),
+            by_probability.abs() < 0.5 * by_nearest.abs(),
             "{by_probability} of {by_nearest}, noise {noise}"
         );
     }
