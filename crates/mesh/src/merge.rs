@@ -27,7 +27,7 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
 /// Over so many edges from its border a patch gains its whole weight.
-pub(crate) const TAPER: f64 = 5.0;
+pub(crate) const TAPER: f64 = 2.5;
 /// Vertices are sewn to others up to so many edges away.
 const REACH: f64 = 3.5;
 /// Edges so many steps from the seams may be turned.
