@@ -26,7 +26,7 @@ use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Over so many edges from its border a patch gains its whole weight.
+/// Over so many edges from its border a patch gains its whole weight in a mean. Over more of them scans that see a place at a slant, and end soon behind it, count for too little there.
 pub(crate) const TAPER: f64 = 2.5;
 /// Vertices are sewn to others up to so many edges away.
 const REACH: f64 = 3.5;
@@ -125,7 +125,7 @@ pub struct Zipped {
     pub valence: Vec<usize>,
 }
 
-/// The weight of a place of a patch: nothing at the border, one from five edges on, smooth between; one where there is no border.
+/// The weight of a place of a patch: nothing at the border, one from 2.5 edges on, smooth between; one where there is no border.
 #[must_use]
 pub fn taper(to_border: f64, spacing: f64) -> f64 {
     // Infinitely far times no weight of a corner is no number.

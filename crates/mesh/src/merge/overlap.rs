@@ -20,6 +20,8 @@ const GATE: f64 = 3.0;
 const SHAPE_ANGLE_RAD: f64 = 0.5;
 /// No θ is larger than this, so that two sides of a thin part are told apart.
 const LARGEST_ANGLE_RAD: f64 = 1.2;
+/// Borders that are farther, in edges, do not matter: which patch a place is given to is settled before.
+const FAR: f64 = 10.0;
 /// Beyond a border, in edges: nearer vertices are too near to be sewn to it.
 const BESIDE: f64 = 0.5;
 
@@ -160,7 +162,7 @@ impl Overlap {
             .zip(&count)
             .map(|(s, n)| s / f64::from((*n).max(1)))
             .collect();
-        let limit = 2.0 * super::TAPER * median(&spacing);
+        let limit = FAR * median(&spacing);
         PatchOverlap {
             normals: mesh.vertex_normals(),
             sigma: patch.sigma.clone(),

@@ -22,6 +22,8 @@ const CELL: f64 = 2.5;
 const COVERED: f64 = 0.4;
 /// Normals of a piece and of its middle: the least cosine.
 const SAME_PIECE: f64 = 0.6;
+/// A refit blends in over so many times the edges over which a patch gains its weight in a mean: at its ends a spline knows less than its covariance says.
+const BLENDED: f64 = 2.0;
 /// Vertices of one piece are worked on together up to so many pieces.
 const BATCH: usize = 64;
 
@@ -147,7 +149,7 @@ fn within_others(patches: &[Patch], overlap: &Overlap, (p, v): Place) -> f64 {
         .map(|f| {
             let (mesh, of) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
             let read = |values: &[f64]| mesh.interpolate(values, f.triangle as usize, f.barycentric);
-            planish_mesh::taper(read(&of.to_border), read(&of.spacing))
+            planish_mesh::taper(read(&of.to_border), BLENDED * read(&of.spacing))
         })
         .fold(0.0, f64::max)
 }
