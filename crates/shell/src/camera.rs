@@ -124,6 +124,13 @@ impl Camera {
         nalgebra::Matrix2x3::from_fn(|i, j| (self.k[(i, j)] - pixel[i] * self.k[(2, j)]) / seen.z)
     }
 
+    /// How the pixel of a place moves along a direction of the picture as the place moves: `∂(uᵀπ(x))/∂x`.
+    pub(crate) fn by_place(&self, at: [f64; 3], along: [f64; 2]) -> [f64; 3] {
+        let inside = self.r * Vector3::from(at) + self.t;
+        let by_inside = self.pixel_by_place(&inside).tr_mul(&nalgebra::Vector2::from(along));
+        self.r.tr_mul(&by_inside).into()
+    }
+
     /// How `D` at a place where the line of sight touches the shell changes with a shift of the pixel: `∂D/∂(x, y)`.
     pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
         let inside = self.r * Vector3::from(at) + self.t;

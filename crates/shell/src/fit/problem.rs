@@ -5,11 +5,11 @@
 //! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last field one such equation for each sheet near it ([`super::sheets`]).
 //! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope theorem).
 //!   σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
-//! - A pixel inside of a mask must hit, one outside must not: the same minimum counts while its sign is wrong.
+//! - A pixel inside of a mask must hit: the same minimum counts while its sign is wrong. One outside must not: what is hit belongs at the border that is nearest in the picture.
 //! - A track: [`super::tracks`].
 
 use super::equations::{ByVertex, Equations, SCALES, Source};
-use super::readings::{OutlineKind, ShellReadings};
+use super::readings::{OutlineKind, OutlinePoint, ShellReadings};
 use super::sheets::Sheets;
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
@@ -215,15 +215,8 @@ impl Problem<'_> {
                 }
             }
             (Work::Outside(v, a, b), Some(sight)) => {
-                let camera = &state.cameras[v];
                 for pixel in &self.readings.views[v].outside[a..b] {
-                    let (origin, direction) = (camera.center(), camera.direction(*pixel));
-                    if sight.search.first_hit(origin, direction).is_some() {
-                        let found = sight.least(origin, direction, &mut shares);
-                        if let Some(touch) = found.filter(|touch| touch.distance < 0.0) {
-                            self.line(Source::Region, v, 0, 1.0, camera, &touch, sight, &mut shares, &mut made);
-                        }
-                    }
+                    self.reaching_over(v, *pixel, &state.cameras[v], sight, &mut made);
                 }
             }
             (_, None) => {}
@@ -302,6 +295,43 @@ impl Problem<'_> {
                     made,
                 );
             }
+        }
+    }
+
+    /// Of a pixel outside of a mask whose line of sight hits: what it hits first and last belongs where the border is nearest in the picture.
+    ///
+    /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border's place `b` to the pixel, and `x` moving with the facet. How deep the line runs within would not do: of a thin part that faces the camera that is half its thickness, and
+    /// says nothing of the way to its rim.
+    fn reaching_over(&self, v: usize, pixel: [f64; 2], camera: &Camera, sight: &Sight<'_>, made: &mut Equations) {
+        let (origin, direction) = (camera.center(), camera.direction(pixel));
+        let Some(first) = sight.search.first_hit(origin, direction) else {
+            return;
+        };
+        let off = |place: &OutlinePoint| [pixel[0] - place.pixel[0], pixel[1] - place.pixel[1]];
+        let Some(off) = (self.readings.views[v].outline.iter())
+            .filter(|place| place.kind == OutlineKind::Border)
+            .map(off)
+            .min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])))
+        else {
+            return;
+        };
+        let away = off[0].hypot(off[1]);
+        if away == 0.0 {
+            return;
+        }
+        let along = off.map(|x| x / away);
+        let last = sight.last_hit(origin, direction);
+        for hit in [Some(first), last.filter(|last| last.triangle != first.triangle)]
+            .into_iter()
+            .flatten()
+        {
+            let gradient = camera.by_place(hit.point, along);
+            let mut vertices: Vec<ByVertex> = (self.mesh.triangles[hit.triangle as usize].into_iter())
+                .zip(hit.barycentric)
+                .map(|(vertex, weight)| (vertex, scale(weight, gradient)))
+                .collect();
+            let by_pose = self.slots[v].map(|slot| (slot, camera.by_pose(hit.point, gradient).map(|x| -x)));
+            made.push(Source::Region, 0, (away, 1.0), &mut vertices, by_pose.as_slice());
         }
     }
 

@@ -11,7 +11,7 @@
 
 use crate::field::{Share, Shell, ShellDistance};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
-use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch};
+use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
 /// Intervals that a line is cut into at first.
 const PIECES: usize = 8;
@@ -88,14 +88,22 @@ impl<'a> Sight<'a> {
         (self.search.closest(at)).map_or(f64::INFINITY, |foot| height_of(&foot, signs))
     }
 
+    /// The hit that is farthest from the origin.
+    pub(super) fn last_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
+        let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
+        let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction))?;
+        Some(RayHit {
+            distance: beyond - back.distance,
+            ..back
+        })
+    }
+
     /// The part of a line that holds its minimum, and whether it runs within the thing there. A line that hits nothing is nowhere within: signs count only between the first hit and the last, as an open mesh has no inside far away.
     fn within(&self, origin: [f64; 3], direction: [f64; 3]) -> ((f64, f64), bool) {
         let Some(first) = self.search.first_hit(origin, direction) else {
             return (self.span(origin, direction), false);
         };
-        let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
-        let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction));
-        let last = back.map_or(first.distance, |hit| beyond - hit.distance);
+        let last = (self.last_hit(origin, direction)).map_or(first.distance, |hit| hit.distance);
         let from = (first.distance - self.width).max(0.0);
         ((from, last.max(first.distance) + self.width), true)
     }

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 mod outlines;
+mod reaching_over;
 mod sequence;
 
 const SIGMA: f64 = 0.01;

@@ -8,7 +8,7 @@ use crate::deformation::displaced;
 use crate::field::ShellOptions;
 use nalgebra::Vector3;
 
-const FOCAL: f64 = 800.0;
+pub(super) const FOCAL: f64 = 800.0;
 const SIGMA_PX: f64 = 1.0;
 
 /// A camera at `from` that looks at the origin, turned about its axis by `roll`.
