@@ -160,8 +160,6 @@ pub(crate) struct Over {
     pub across: f64,
     /// The facet's area.
     pub area: f64,
-    /// How far within each side of the facet the foot is; negative beyond it.
-    pub within: [f64; 3],
 }
 
 impl<'a> Shell<'a> {
@@ -459,20 +457,24 @@ impl<'a> Shell<'a> {
     /// The height of a place over the plane of a facet that is near, and where its foot is in that plane.
     pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> Over {
         let facet = &self.facets[one.near.facet as usize];
-        let corners = self.mesh.corners(one.near.facet as usize);
         let off = sub(at, one.near.point);
         let height = dot(facet.normal, off);
-        let within = [0, 1, 2].map(|k| {
-            let side = sub(corners[(k + 1) % 3], corners[k]);
-            dot(cross(facet.normal, side), sub(at, corners[k])) / norm(side).max(f64::MIN_POSITIVE)
-        });
         Over {
             height,
             normal: facet.normal,
             across: (dot(off, off) - height * height).max(0.0).sqrt(),
             area: facet.area,
-            within,
         }
+    }
+
+    /// How far within each side of a facet that is near the foot of a place is; negative beyond it.
+    pub(crate) fn within(&self, at: [f64; 3], one: &Share) -> [f64; 3] {
+        let normal = self.facets[one.near.facet as usize].normal;
+        let corners = self.mesh.corners(one.near.facet as usize);
+        [0, 1, 2].map(|k| {
+            let side = sub(corners[(k + 1) % 3], corners[k]);
+            dot(cross(normal, side), sub(at, corners[k])) / norm(side).max(f64::MIN_POSITIVE)
+        })
     }
 
     /// `∂h/∂V_j` of the height over a facet's plane, times `share`.

@@ -23,6 +23,8 @@ const ALIKE: f64 = 0.9;
 const NEAR: f64 = 1.0;
 /// A sheet less probable than this has no equation.
 const LEAST: f64 = 0.01;
+/// So many σ aside of a point a facet has no mass: one in 10⁷ of what it would have beneath.
+const ASIDE: f64 = 5.7;
 
 /// A facet that is near, as one of a sheet.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +33,8 @@ struct Member {
     height: f64,
     /// `m`: how much of the facet lies beside the foot.
     mass: f64,
+    /// `m` times the density of its height.
+    weight: f64,
     /// Its part of the sheet's height.
     part: f64,
     sheet: usize,
@@ -62,8 +66,23 @@ pub(super) struct Sheets {
 
 /// `Φ(t)`, to 0.01.
 fn up_to(t: f64) -> f64 {
+    // Most sides are far away.
+    if t > ASIDE {
+        return 1.0;
+    }
     let beyond = 0.5 * (-t.abs() * (0.717 + 0.416 * t.abs())).exp();
     if t < 0.0 { beyond } else { 1.0 - beyond }
+}
+
+/// How much of a facet lies beside the foot: a small piece is as much as the Gaussian has there, a large one ends at its sides.
+fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -> f64 {
+    let in_plane = across / sigma;
+    if in_plane > ASIDE {
+        return 0.0;
+    }
+    let small = area / (TAU * sigma * sigma) * (-0.5 * in_plane * in_plane).exp();
+    let large: f64 = within().iter().map(|d| up_to(d / sigma)).product();
+    small.min(large)
 }
 
 impl Sheets {
@@ -75,21 +94,21 @@ impl Sheets {
         for one in shares {
             let over = shell.over(at, one);
             // A small piece is as much as the Gaussian has there; a large one ends at its sides.
-            let in_plane = over.across / sigma;
-            let small = over.area / (TAU * sigma * sigma) * (-0.5 * in_plane * in_plane).exp();
-            let large: f64 = over.within.iter().map(|d| up_to(d / sigma)).product();
+            let mass = mass(over.across, over.area, sigma, || shell.within(at, one));
+            if mass > 0.0 {
+                self.order.push(self.members.len());
+            }
             self.members.push(Member {
                 normal: over.normal,
                 height: over.height,
-                mass: small.min(large),
+                mass,
+                weight: mass * (-0.5 * (over.height / sigma).powi(2)).exp(),
                 part: 0.0,
                 sheet: usize::MAX,
             });
         }
         let (members, order) = (&mut self.members, &mut self.order);
-        order.extend((0..members.len()).filter(|i| members[*i].mass > 0.0));
-        let weight = |m: &Member| m.mass * (-0.5 * (m.height / sigma).powi(2)).exp();
-        order.sort_by(|a, b| weight(&members[*b]).total_cmp(&weight(&members[*a])).then(a.cmp(b)));
+        order.sort_unstable_by(|a, b| members[*b].weight.total_cmp(&members[*a].weight).then(a.cmp(b)));
         for &i in order.iter() {
             let own = members[i];
             let found = (self.list.iter()).position(|sheet| {
