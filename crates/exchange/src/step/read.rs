@@ -20,7 +20,7 @@ use std::path::Path;
 
 use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
-use planish_solid::parametric::Fineness;
+use planish_solid::parametric::{Fineness, Meshed};
 
 use crate::Unit;
 use crate::mesh::PolygonMesh;
@@ -74,6 +74,38 @@ pub fn read_step(path: &Path) -> Result<StepFaces> {
     read().map_err(|e| e.in_context(path.display()))
 }
 
+/// The chord error of triangles, of the size, where nothing else is wanted.
+const CHORD: f64 = 1e-4;
+/// Their longest side.
+const LONGEST: f64 = 1.0 / 64.0;
+
+/// The triangles of all faces as one mesh.
+///
+/// # Errors
+/// As [`read_step`]; `Unsupported` where a face cannot be read or filled: a mesh that lacks faces would be taken for the whole.
+pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
+    let faces = read_step(path)?;
+    let named = |e: Error| e.in_context(path.display());
+    let mesh = faces.triangles(&faces.fineness(None)).map_err(named)?;
+    if let Some(first) = mesh.left_out.first() {
+        return Err(named(Error::unsupported(format!(
+            "{} of its {} faces cannot be read, the first: {first}",
+            mesh.left_out.len(),
+            mesh.left_out.len() + mesh.faces
+        ))));
+    }
+    let mut whole = PolygonMesh {
+        unit: faces.unit(),
+        ..PolygonMesh::default()
+    };
+    for part in mesh.parts {
+        let first = whole.points.len() as u32;
+        whole.points.extend(part.points);
+        whole.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+    }
+    Ok(whole)
+}
+
 /// What a file holds beside faces.
 type PassedOver = BTreeMap<String, usize>;
 
@@ -88,6 +120,15 @@ impl StepFaces {
     #[must_use]
     pub fn size(&self) -> f64 {
         self.size
+    }
+
+    /// Triangles that miss the faces by `chord` at most, or a ten thousandth of the size, with sides of a sixty-fourth of the size at most.
+    #[must_use]
+    pub fn fineness(&self, chord: Option<f64>) -> Fineness {
+        Fineness {
+            chord: chord.unwrap_or(CHORD * self.size),
+            longest: LONGEST * self.size,
+        }
     }
 
     fn of_bytes(bytes: &[u8]) -> Result<Self> {
@@ -147,7 +188,10 @@ impl StepFaces {
         let mut mesh = StepMesh::default();
         for placed in &self.shapes {
             let shape = &placed.read.shape;
-            let made = shape.triangles(fineness)?;
+            let made = match shape.faces.is_empty() {
+                true => Meshed::default(),
+                false => shape.triangles(fineness)?,
+            };
             let failed = made.left_out.iter().map(|l| {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)

@@ -80,8 +80,8 @@ impl Surface {
                 add_scaled(*origin, 1.0, turned(sub(curve.point(v), *origin), *axis, u))
             }
             Self::Offset { base, distance } => {
-                let (p, [u, v]) = base.at([u, v]);
-                unit(cross(u, v)).map_or(p, |n| add_scaled(p, *distance, n))
+                let p = base.point([u, v]);
+                base.normal([u, v]).map_or(p, |n| add_scaled(p, *distance, n))
             }
         }
     }
@@ -119,6 +119,17 @@ impl Surface {
                 (self.point([u, v]), [slope(0), slope(1)])
             }
         }
+    }
+
+    /// The unit normal `S_u × S_v`; at a pole that of places beside it.
+    fn normal(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+        let of = |at: [f64; 2]| {
+            let (_, [u, v]) = self.at(at);
+            unit(cross(u, v)).filter(|_| norm(cross(u, v)) > 1e-9 * (dot(u, u) + dot(v, v)))
+        };
+        let domain = self.domain();
+        let inward = |k: usize| domain[k].map_or(at[k], |[lo, hi]| at[k] + 1e-5 * (0.5 * (lo + hi) - at[k]));
+        of(at).or_else(|| of([inward(0), inward(1)]))
     }
 
     /// By how much each parameter comes back to the same points; none where it does not.
@@ -174,7 +185,12 @@ impl Surface {
             }
             Self::Elementary(surface @ brep::Surface::Cone { .. }) => vec![pole(1, surface.range_v()[0], true)],
             Self::Elementary(_) | Self::Extrusion { .. } => Vec::new(),
-            Self::Spline(_) | Self::Offset { .. } => self.collapsed_sides().map(|(k, x, low)| pole(k, x, low)).collect(),
+            Self::Spline(_) => self.collapsed_sides().map(|(k, x, low)| pole(k, x, low)).collect(),
+            Self::Offset { base, .. } => base
+                .poles()
+                .into_iter()
+                .map(|p| pole(p.constant, p.value, p.is_low))
+                .collect(),
             Self::Revolution { curve, origin, axis } => {
                 let Curve::Spline(spline) = curve else {
                     // Circles that reach their axis are not asked where.

@@ -7,7 +7,7 @@
 
 use super::attributes::{Entity, part};
 use super::syntax::Index;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, unit};
 use planish_estimate::{Error, Result};
 use planish_solid::brep;
 use planish_solid::parametric::{Curve, MOST_DEGREE, SplineCurve, SplineSurface, Surface};
@@ -15,6 +15,9 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Geometry that is made of other geometry, deeper than this, is refused.
 const DEEPEST: usize = 12;
+
+/// Larger coordinates are no part's, and their squares would overflow.
+const MOST: f64 = 1e100;
 
 /// Where a frame is, and its directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +42,10 @@ impl Geometry<'_, '_> {
     pub(super) fn point(&self, id: u64) -> Result<[f64; 3]> {
         let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
         match entity.numbers(1)?.as_slice() {
-            [x, y, z] => Ok([*x, *y, *z].map(|c| c * self.length)),
+            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MOST) => {
+                Ok([*x, *y, *z].map(|c| c * self.length))
+            }
+            [_, _, _] => Err(entity.wrong(&format!("needed coordinates below {MOST:e}"))),
             other => Err(entity.wrong(&format!("needed three coordinates, found {}", other.len()))),
         }
     }
@@ -83,7 +89,7 @@ impl Geometry<'_, '_> {
 
     fn size(&self, entity: &Entity, at: usize) -> Result<f64> {
         let size = entity.number(at)? * self.length;
-        match size > 0.0 && size.is_finite() {
+        match size > 0.0 && size < MOST {
             true => Ok(size),
             false => Err(entity.wrong(&format!("attribute {}: needed a length > 0, found {size}", at + 1))),
         }
@@ -308,11 +314,6 @@ impl Geometry<'_, '_> {
             .map(|(_, w)| w);
         let made = SplineSurface::try_new(degrees, knots, &poles?, weights.as_deref());
         Ok(Surface::Spline(Box::new(made.map_err(|e| base.wrong(&e.to_string()))?)))
-    }
-
-    /// Where a point or a curve's end is asked for in a message.
-    pub(super) fn apart(&self, a: [f64; 3], b: [f64; 3]) -> f64 {
-        norm(sub(a, b)) / self.length
     }
 }
 

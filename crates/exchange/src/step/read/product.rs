@@ -202,7 +202,7 @@ impl Products {
             found.representations.insert(id, Representation { items, units, is_plain });
             Ok(())
         };
-        let is_shape = |keyword: &str| keyword.ends_with("SHAPE_REPRESENTATION");
+        let is_shape = |keyword: &str| keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION";
         for (_, ids) in index.keywords().filter(|(keyword, _)| is_shape(keyword)) {
             for id in ids {
                 let entity = index.entity(*id)?;
