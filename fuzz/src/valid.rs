@@ -337,7 +337,8 @@ pub fn steps() -> Result<Vec<Vec<u8>>> {
     let unpacked = |packed: &[u8]| {
         let mut bytes = Vec::new();
         let read = GzDecoder::new(packed).read_to_end(&mut bytes);
-        read.map(|_| bytes).map_err(|e| Error::io("not unpacked").with_source(e))
+        read.map(|_| bytes)
+            .map_err(|e| Error::io("not unpacked").with_source(e))
     };
     files.into_iter().map(unpacked).collect()
 }

@@ -28,9 +28,9 @@ use planish_estimate::{Error, Result};
 use planish_solid::brep::Solid;
 
 pub use brep::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
+use part21::{Id, Part21, integers, reals, text};
 pub(crate) use read::read_mesh;
 pub use read::{StepFaces, StepMesh, read_step};
-use part21::{Id, Part21, integers, reals, text};
 
 use crate::Unit;
 use crate::atomic::write_packed;

@@ -16,8 +16,8 @@ mod curve;
 mod lifted;
 mod mesh;
 mod outline;
-mod spline;
 mod seeds;
+mod spline;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -88,7 +88,10 @@ impl Shape {
         };
         let share = |k: usize| k as f64 / PROBES as f64;
         for edge in &self.edges {
-            edge.ends.iter().filter_map(|v| self.vertices.get(*v)).for_each(|p| reach(*p));
+            edge.ends
+                .iter()
+                .filter_map(|v| self.vertices.get(*v))
+                .for_each(|p| reach(*p));
             if edge.ends[0] == edge.ends[1] && edge.curve.period().is_some() {
                 let [lo, hi] = edge.curve.domain();
                 (0..PROBES).for_each(|k| reach(edge.curve.point(lo + share(k) * (hi - lo))));
@@ -98,7 +101,10 @@ impl Shape {
             if let [Some(u), Some(v)] = face.surface.domain() {
                 for i in 0..=PROBES {
                     for j in 0..=PROBES {
-                        reach(face.surface.point([u[0] + share(i) * (u[1] - u[0]), v[0] + share(j) * (v[1] - v[0])]));
+                        reach(
+                            face.surface
+                                .point([u[0] + share(i) * (u[1] - u[0]), v[0] + share(j) * (v[1] - v[0])]),
+                        );
                     }
                 }
             }

@@ -207,11 +207,17 @@ fn faces_of_step_files_are_patches() {
     }
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     for name in ["left", "right"] {
-        run(&format!("fit {name}.xyz -o {name}.step -o {name}.ply --sigma-point 0.01 --unit mm"));
+        run(&format!(
+            "fit {name}.xyz -o {name}.step -o {name}.ply --sigma-point 0.01 --unit mm"
+        ));
     }
     for pair in ["left.step right.step", "left.step right.ply"] {
         let found = run(&format!("merge {pair} -o whole.obj --json")).json();
-        assert_eq!((&found["unit"], &found["parts"]), (&"mm".into(), &1.into()), "{pair}: {found:#}");
+        assert_eq!(
+            (&found["unit"], &found["parts"]),
+            (&"mm".into(), &1.into()),
+            "{pair}: {found:#}"
+        );
         assert_eq!(found["nonmanifold_edges"], 0);
         let text = std::fs::read_to_string(folder.path().join("whole.obj")).expect("a mesh");
         let (mut square, mut n) = (0.0, 0.0_f64);
@@ -222,7 +228,11 @@ fn faces_of_step_files_are_patches() {
                 n += 1.0;
             }
         }
-        assert!(n > 1000.0 && (square / n).sqrt() < 0.01, "{pair}: {}", (square / n).sqrt());
+        assert!(
+            n > 1000.0 && (square / n).sqrt() < 0.01,
+            "{pair}: {}",
+            (square / n).sqrt()
+        );
     }
     // The same file as what readings are compared with.
     let compared = run("compare left.step left.xyz --json").json();

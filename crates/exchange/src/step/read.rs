@@ -101,7 +101,9 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     for part in mesh.parts {
         let first = whole.points.len() as u32;
         whole.points.extend(part.points);
-        whole.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+        whole
+            .triangles
+            .extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
     }
     Ok(whole)
 }
@@ -145,7 +147,12 @@ impl StepFaces {
         let mut passed_over = PassedOver::new();
         let mut is_taken: HashSet<u64> = HashSet::new();
         for (id, representation) in products.most_special_first() {
-            let items: Vec<u64> = representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
+            let items: Vec<u64> = representation
+                .items
+                .iter()
+                .copied()
+                .filter(|i| is_taken.insert(*i))
+                .collect();
             let geometry = Geometry {
                 index: &index,
                 length: length(&representation.units),
@@ -196,7 +203,13 @@ impl StepFaces {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)
             });
-            mesh.left_out.extend(placed.read.left_out.iter().map(|(name, reason)| format!("face {name}: {reason}")));
+            mesh.left_out.extend(
+                placed
+                    .read
+                    .left_out
+                    .iter()
+                    .map(|(name, reason)| format!("face {name}: {reason}")),
+            );
             mesh.left_out.extend(failed);
             for motion in &placed.motions {
                 for part in &made.parts {
@@ -293,5 +306,9 @@ fn size_of(shapes: &[Placed]) -> f64 {
             }
         }
     }
-    if bounds[0][0] <= bounds[1][0] { distance(bounds[0], bounds[1]) } else { 0.0 }
+    if bounds[0][0] <= bounds[1][0] {
+        distance(bounds[0], bounds[1])
+    } else {
+        0.0
+    }
 }

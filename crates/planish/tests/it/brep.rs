@@ -209,10 +209,16 @@ fn what_is_written_reads_back_as_the_surface() {
             let faces = read_step(&path).unwrap();
             let chord = 0.02;
             let read = faces.triangles(&faces.fineness(Some(chord))).unwrap();
-            assert_eq!((read.parts.len(), read.faces, read.left_out.len()), (1, brep.faces.len(), 0));
+            assert_eq!(
+                (read.parts.len(), read.faces, read.left_out.len()),
+                (1, brep.faces.len(), 0)
+            );
             let mesh = TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
             let check = mesh.check();
-            assert!(check.manifold && check.oriented && check.watertight == brep.closed, "{check:?}");
+            assert!(
+                check.manifold && check.oriented && check.watertight == brep.closed,
+                "{check:?}"
+            );
             let truth = tessellate(
                 &surface,
                 &TessellationOptions {

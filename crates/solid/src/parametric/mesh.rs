@@ -123,7 +123,9 @@ fn inner_points(shape: &Shape, edge: &Edge, fineness: &Fineness) -> Vec<[f64; 3]
     if is_closed && matches!(edge.curve, Curve::Line { .. }) {
         return Vec::new();
     }
-    let range = edge.curve.range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
+    let range = edge
+        .curve
+        .range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
     let at = edge.curve.chords(range, fineness);
     let mut points: Vec<[f64; 3]> = at.into_iter().map(|t| edge.curve.point(t)).collect();
     if !edge.is_forward {

@@ -73,17 +73,13 @@ impl<'a> Outliner<'a> {
         if loops.iter().any(|l| l.windings[0] != 0 && l.windings[1] != 0) {
             return Err(Error::unsupported("a loop of it winds around both ways"));
         }
-        let along = [0, 1]
-            .into_iter()
-            .find(|k| loops.iter().any(|l| l.windings[*k] != 0));
+        let along = [0, 1].into_iter().find(|k| loops.iter().any(|l| l.windings[*k] != 0));
         let Some(k) = along else {
             return self.unwound(loops.into_iter().map(|l| l.corners).collect(), is_seamed);
         };
         let (winding, others): (Vec<Lifted>, Vec<Lifted>) = loops.into_iter().partition(|l| l.windings[k] != 0);
-        let mut around: Vec<(bool, Vec<Corner>)> = winding
-            .into_iter()
-            .map(|l| (l.windings[k] > 0, l.corners))
-            .collect();
+        let mut around: Vec<(bool, Vec<Corner>)> =
+            winding.into_iter().map(|l| (l.windings[k] > 0, l.corners)).collect();
         let n = around.len();
         if n == 1 {
             let pole = self.pole_beside(k, around[0].0)?;
@@ -142,7 +138,12 @@ impl<'a> Outliner<'a> {
     /// The loop that stands for the pole on the side of a loop around, to its left where there are two.
     fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
-        let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
+        let of = |low: bool| {
+            self.lifter
+                .poles
+                .iter()
+                .find(|p| p.constant == 1 - k && p.is_low == low)
+        };
         match of(!is_above).or(of(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
@@ -156,7 +157,13 @@ impl<'a> Outliner<'a> {
     }
 
     /// Corners along a period of one parameter, the other constant; running on.
-    fn around(&mut self, k: usize, value: f64, n: usize, mut vertex: impl FnMut(&mut Self, [f64; 2]) -> u32) -> Vec<Corner> {
+    fn around(
+        &mut self,
+        k: usize,
+        value: f64,
+        n: usize,
+        mut vertex: impl FnMut(&mut Self, [f64; 2]) -> u32,
+    ) -> Vec<Corner> {
         let lo = self.surface.domain()[k].map_or(0.0, |d| d[0]);
         let period = self.lifter.periods[k].unwrap_or(1.0);
         (0..n)
@@ -218,7 +225,11 @@ impl<'a> Outliner<'a> {
                     corner.at[across] += period;
                 }
                 there.reverse();
-                if k == 0 { [here, there] } else { reversed_pair(here, there) }
+                if k == 0 {
+                    [here, there]
+                } else {
+                    reversed_pair(here, there)
+                }
             }
         };
         let joined = self.joined(k, pair, &holes)?;
@@ -228,7 +239,11 @@ impl<'a> Outliner<'a> {
     }
 
     fn pole_at(&mut self, k: usize, value: f64) -> Result<Vec<Corner>> {
-        let pole = self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.value == value);
+        let pole = self
+            .lifter
+            .poles
+            .iter()
+            .find(|p| p.constant == 1 - k && p.value == value);
         let Some(point) = pole.map(|p| p.point) else {
             return Err(Error::unsupported("it has no pole where it should end"));
         };

@@ -49,7 +49,9 @@ impl Knots {
             return Err(Error::input("needed finite ascending knots"));
         }
         if at[degree] >= at[n] {
-            return Err(Error::input("needed knots that enclose a range, found all in one place"));
+            return Err(Error::input(
+                "needed knots that enclose a range, found all in one place",
+            ));
         }
         Ok(Self { degree, at, n })
     }
@@ -169,8 +171,7 @@ impl SplineCurve {
             is_closed: false,
         };
         let [lo, hi] = made.domain();
-        let [from, to, one, other] =
-            [lo, hi, 0.5 * (lo + hi), lo + 0.3 * (hi - lo)].map(|t| made.at(t).0);
+        let [from, to, one, other] = [lo, hi, 0.5 * (lo + hi), lo + 0.3 * (hi - lo)].map(|t| made.at(t).0);
         made.is_closed = distance(from, to) <= CLOSED * distance(from, one).max(distance(from, other));
         Ok(made)
     }
@@ -340,7 +341,11 @@ mod tests {
     fn a_rational_quadratic_is_a_circle_and_its_derivative_that_of_differences() {
         let h = 0.5_f64.sqrt();
         let poles = [
-            [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [1.0, 1.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [-1.0, 1.0, 0.0],
+            [-1.0, 0.0, 0.0],
         ];
         let weights = [1.0, h, 1.0, h, 1.0];
         let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];

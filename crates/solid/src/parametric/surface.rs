@@ -404,10 +404,7 @@ fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Opt
             let h = 1e-6 * (1.0 + t.abs());
             let (a, b) = ((t - h).max(lo), (t + h).min(hi));
             let r = residual(curve.point(t));
-            let d = scale(
-                1.0 / (b - a),
-                sub(residual(curve.point(b)), residual(curve.point(a))),
-            );
+            let d = scale(1.0 / (b - a), sub(residual(curve.point(b)), residual(curve.point(a))));
             let mut step = -dot(r, d) / dot(d, d).max(f64::MIN_POSITIVE);
             let mut next = (t + step).clamp(lo, hi);
             for _ in 0..30 {
@@ -444,7 +441,9 @@ fn places(surface: &Surface) -> Vec<([f64; 2], [f64; 3])> {
         let wanted = (breaks.len() - 1) * 2 * spline.degrees()[k];
         let [lo, hi] = spline.domain()[k];
         let n = wanted.clamp(4, MOST_PLACES);
-        (0..=n).map(|i| lo + (hi - lo) * i as f64 / n as f64).collect::<Vec<f64>>()
+        (0..=n)
+            .map(|i| lo + (hi - lo) * i as f64 / n as f64)
+            .collect::<Vec<f64>>()
     });
     let mut found = Vec::with_capacity(lines[0].len() * lines[1].len());
     for u in &lines[0] {

@@ -94,10 +94,17 @@ fn whole_spheres_and_tori_close_and_face_outwards() {
 fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
     // The circle of latitude 30° of a ball of radius 2 about (1, 2, 3), seen from above counter-clockwise.
     let (r, h) = (2.0 * (PI / 6.0).cos(), 1.0);
-    for (is_outward, forward, is_upper) in [(true, true, true), (true, false, false), (false, true, false), (false, false, true)] {
+    for (is_outward, forward, is_upper) in [
+        (true, true, true),
+        (true, false, false),
+        (false, true, false),
+        (false, false, true),
+    ] {
         let mut shape = Shape::default();
         let edge = circle(&mut shape, [1.0, 2.0, 3.0 + h], [r, 0.0, 0.0], [0.0, r, 0.0]);
-        shape.faces.push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
+        shape
+            .faces
+            .push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
         let (mesh, area, check) = meshed(&shape, &FINE);
         assert_eq!(check.boundary_loops, 1);
         near(area, if is_upper { 4.0 * PI } else { 12.0 * PI }, 3e-3);
@@ -132,7 +139,12 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
         let mut shape = Shape::default();
         let loops = [-1.0, 1.0]
-            .map(|z| (circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]), (z < 0.0) == up))
+            .map(|z| {
+                (
+                    circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]),
+                    (z < 0.0) == up,
+                )
+            })
             .map(|coedge| vec![coedge]);
         shape.faces.push(face(torus(), true, loops.to_vec()));
         let (_, found, _) = meshed(&shape, &FINE);
@@ -179,7 +191,11 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.left_out[0].reason.contains("one loop runs around it"), "{:?}", made.left_out);
+    assert!(
+        made.left_out[0].reason.contains("one loop runs around it"),
+        "{:?}",
+        made.left_out
+    );
 }
 
 #[test]
@@ -211,7 +227,13 @@ fn a_cone_reaches_its_tip_and_beyond() {
 /// Half a circle of radius 2 from pole to pole as a rational spline, turned about the axis between them: a ball.
 fn turned_spline() -> (Surface, SplineCurve) {
     let h = 0.5_f64.sqrt();
-    let poles = [[0.0, 0.0, -2.0], [2.0, 0.0, -2.0], [2.0, 0.0, 0.0], [2.0, 0.0, 2.0], [0.0, 0.0, 2.0]];
+    let poles = [
+        [0.0, 0.0, -2.0],
+        [2.0, 0.0, -2.0],
+        [2.0, 0.0, 0.0],
+        [2.0, 0.0, 2.0],
+        [0.0, 0.0, 2.0],
+    ];
     let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
     let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
     let surface = Surface::Revolution {
@@ -315,10 +337,7 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
     }
     assert_eq!(shape.triangles(&FINE).unwrap().parts.len(), 2);
     shape.weld(1e-5);
-    let even = Fineness {
-        longest: 0.11,
-        ..FINE
-    };
+    let even = Fineness { longest: 0.11, ..FINE };
     let (mesh, area, check) = meshed(&shape, &even);
     near(area, 2.0, 1e-5);
     assert_eq!((check.boundary_loops, check.components), (1, 1));

@@ -164,13 +164,7 @@ fn missing(
     let miss = |corners: &[Placed]| {
         let n = corners.len() as f64;
         let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
-        let flat = [0, 1, 2].map(|k| {
-            corners
-                .iter()
-                .map(|c| positions[c.vertex as usize][k])
-                .sum::<f64>()
-                / n
-        });
+        let flat = [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
         (at, norm(sub(on_surface(at), flat)))
     };
     let mut wanted = Vec::new();

@@ -45,7 +45,11 @@ pub(crate) fn shift_into_outer(polygons: &mut [Vec<Corner>], periods: [Option<f6
     let by = periods.map(|p| p.unwrap_or(0.0));
     let shifts: Vec<[f64; 2]> = turns[0]
         .clone()
-        .flat_map(|i| turns[1].clone().map(move |j| [by[0] * f64::from(i), by[1] * f64::from(j)]))
+        .flat_map(|i| {
+            turns[1]
+                .clone()
+                .map(move |j| [by[0] * f64::from(i), by[1] * f64::from(j)])
+        })
         .collect();
     for (_, hole) in polygons.iter_mut().enumerate().filter(|(k, _)| *k != outer) {
         let at = hole[0].at;

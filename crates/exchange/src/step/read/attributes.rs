@@ -61,7 +61,11 @@ impl<'a> Entity<'a> {
     fn needed(&self, at: usize, what: &str) -> Error {
         match self.record.values.get(at) {
             Some(found) => self.wrong(&format!("attribute {}: needed {what}, found {found}", at + 1)),
-            None => self.wrong(&format!("needed {} attributes, found {}", at + 1, self.record.values.len())),
+            None => self.wrong(&format!(
+                "needed {} attributes, found {}",
+                at + 1,
+                self.record.values.len()
+            )),
         }
     }
 
@@ -135,7 +139,12 @@ impl<'a> Entity<'a> {
     }
 
     /// Rows of equal length, one after the other, and how many there are.
-    pub(super) fn rows<T>(&self, at: usize, what: &str, of: impl Fn(&Value<'a>) -> Option<T>) -> Result<(usize, Vec<T>)> {
+    pub(super) fn rows<T>(
+        &self,
+        at: usize,
+        what: &str,
+        of: impl Fn(&Value<'a>) -> Option<T>,
+    ) -> Result<(usize, Vec<T>)> {
         let rows = self.list(at)?;
         let mut found = Vec::new();
         let mut width = None;

@@ -78,7 +78,11 @@ impl Geometry<'_, '_> {
         let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
-        let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+        let aside = if z[0].abs() < 0.9 {
+            [1.0, 0.0, 0.0]
+        } else {
+            [0.0, 1.0, 0.0]
+        };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
         let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
             return Err(entity.wrong("needed two directions that are not parallel"));
@@ -182,7 +186,9 @@ impl Geometry<'_, '_> {
             }
             None => implied_knots(parts, "CURVE", degree, poles.len()).ok_or_else(|| first.wrong("has no knots"))?,
         };
-        let weights = part(parts, "RATIONAL_B_SPLINE_CURVE").map(|w| w.numbers(0)).transpose()?;
+        let weights = part(parts, "RATIONAL_B_SPLINE_CURVE")
+            .map(|w| w.numbers(0))
+            .transpose()?;
         let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
         Ok(Curve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
     }
@@ -251,7 +257,9 @@ impl Geometry<'_, '_> {
                 base: Box::new(self.surface_at(entity.reference(1)?, depth + 1)?),
                 distance: entity.number(2)? * self.length,
             },
-            "RECTANGULAR_TRIMMED_SURFACE" | "CURVE_BOUNDED_SURFACE" => self.surface_at(entity.reference(1)?, depth + 1)?,
+            "RECTANGULAR_TRIMMED_SURFACE" | "CURVE_BOUNDED_SURFACE" => {
+                self.surface_at(entity.reference(1)?, depth + 1)?
+            }
             "B_SPLINE_SURFACE_WITH_KNOTS" | "BEZIER_SURFACE" | "UNIFORM_SURFACE" | "QUASI_UNIFORM_SURFACE" => {
                 self.spline_surface(&parts)?
             }
@@ -318,7 +326,10 @@ impl Geometry<'_, '_> {
 }
 
 fn unread(entity: &Entity, what: &str) -> Error {
-    Error::unsupported(format!("#{} {}: a {what} of this kind is not read", entity.id, entity.record.keyword))
+    Error::unsupported(format!(
+        "#{} {}: a {what} of this kind is not read",
+        entity.id, entity.record.keyword
+    ))
 }
 
 /// Knots as often as they count. No more than wanted are made, as a file can count to anything.

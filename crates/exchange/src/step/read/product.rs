@@ -90,7 +90,9 @@ impl Units {
     pub(super) fn of_context(index: &Index, id: u64) -> Result<Self> {
         let parts = index.parts(id)?;
         let mut found = Self::NONE;
-        let given = part(&parts, "GLOBAL_UNIT_ASSIGNED_CONTEXT").map(|p| p.references(0)).transpose()?;
+        let given = part(&parts, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            .map(|p| p.references(0))
+            .transpose()?;
         for unit in given.unwrap_or_default() {
             match size_of_unit(index, unit, 0)? {
                 Some(("LENGTH_UNIT", metres)) => found.length_mm = Some(1000.0 * metres),
@@ -98,7 +100,9 @@ impl Units {
                 _ => {}
             }
         }
-        let uncertain = part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT").map(|p| p.references(0)).transpose()?;
+        let uncertain = part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT")
+            .map(|p| p.references(0))
+            .transpose()?;
         for id in uncertain.unwrap_or_default() {
             let measure = index.entity(id)?;
             let (value, unit) = (measure.number(0)?, size_of_unit(index, measure.reference(1)?, 0)?);
@@ -131,7 +135,8 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
     let (value, of) = match measure.as_slice() {
         [one] => (one.number(0)?, one.reference(1)?),
         several => {
-            let with_unit = part(several, "MEASURE_WITH_UNIT").ok_or_else(|| based.wrong("needed a measure with its unit"))?;
+            let with_unit =
+                part(several, "MEASURE_WITH_UNIT").ok_or_else(|| based.wrong("needed a measure with its unit"))?;
             (with_unit.number(0)?, with_unit.reference(1)?)
         }
     };
@@ -199,10 +204,14 @@ impl Products {
             };
             contexts.insert(context, units);
             let is_plain = index.of_keyword("SHAPE_REPRESENTATION").contains(&id);
-            found.representations.insert(id, Representation { items, units, is_plain });
+            found
+                .representations
+                .insert(id, Representation { items, units, is_plain });
             Ok(())
         };
-        let is_shape = |keyword: &str| keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION";
+        let is_shape = |keyword: &str| {
+            keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
+        };
         for (_, ids) in index.keywords().filter(|(keyword, _)| is_shape(keyword)) {
             for id in ids {
                 let entity = index.entity(*id)?;
@@ -278,7 +287,12 @@ impl Products {
     ///
     /// # Errors
     /// `Input` where an assembly holds itself, or has more than `most` parts.
-    pub(super) fn places(&self, index: &Index, length: &dyn Fn(&Units) -> f64, most: usize) -> Result<BTreeMap<u64, Vec<Motion>>> {
+    pub(super) fn places(
+        &self,
+        index: &Index,
+        length: &dyn Fn(&Units) -> f64,
+        most: usize,
+    ) -> Result<BTreeMap<u64, Vec<Motion>>> {
         let mut children: HashMap<u64, Vec<(u64, Motion)>> = HashMap::new();
         let mut is_child: HashMap<u64, bool> = HashMap::new();
         for within in &self.within {
@@ -362,7 +376,8 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     };
     let z = axis(at + 2)?.unwrap_or([0.0, 0.0, 1.0]);
     let wanted = axis(at - 2)?.unwrap_or([1.0, 0.0, 0.0]);
-    let x = unit(add_scaled(wanted, -dot(wanted, z), z)).ok_or_else(|| entity.wrong("needed directions that are not parallel"))?;
+    let x = unit(add_scaled(wanted, -dot(wanted, z), z))
+        .ok_or_else(|| entity.wrong("needed directions that are not parallel"))?;
     let mut y = cross(z, x);
     if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
         y = scale(-1.0, y);

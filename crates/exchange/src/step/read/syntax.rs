@@ -271,10 +271,12 @@ impl<'a> Index<'a> {
                 _ => {}
             }
         }
-        Err(match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21") {
-            true => Error::input("it is no STEP file: needed `ISO-10303-21;` at its beginning"),
-            false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
-        })
+        Err(
+            match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21") {
+                true => Error::input("it is no STEP file: needed `ISO-10303-21;` at its beginning"),
+                false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
+            },
+        )
     }
 
     fn whole(self, sections: usize) -> Result<Self> {
@@ -431,10 +433,16 @@ mod tests {
             ("-2.5E-1", "-2.5E-1E", "needed a finite number, found `-2.5E-1E`"),
             ("-2.5E-1", "1E999", "needed a finite number"),
             ("DATA;\n", "", "outside of a DATA section"),
-            ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested more than"),
+            (
+                "(1),(2)",
+                &format!("{}1{}", "(".repeat(40), ")".repeat(40)),
+                "nested more than",
+            ),
         ] {
             let e = match from {
-                "ENDSEC;\nEND" => Index::of(FILE.replace("DATA;", "HEADER;").as_bytes()).err().map_or(String::new(), |e| e.to_string()),
+                "ENDSEC;\nEND" => Index::of(FILE.replace("DATA;", "HEADER;").as_bytes())
+                    .err()
+                    .map_or(String::new(), |e| e.to_string()),
                 _ => broken(from, to),
             };
             match from {

@@ -6,7 +6,9 @@ use planish_mesh::{MeshCheck, TriangleMesh};
 use std::path::PathBuf;
 
 fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(format!("{name}.step.gz"))
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data")
+        .join(format!("{name}.step.gz"))
 }
 
 fn triangles(faces: &StepFaces, share: f64) -> StepMesh {
@@ -74,7 +76,10 @@ fn trimmed_splines_and_what_curves_sweep_have_their_areas() {
     let sheet = triangles(&read_step(&data("sheet")).unwrap(), 1e-4);
     let (area, _, check) = measured(&sheet.parts[0]);
     near(area, 2076.9474, 1e-3);
-    assert_eq!((sheet.faces, check.boundary_loops, check.euler_characteristic), (1, 2, 0));
+    assert_eq!(
+        (sheet.faces, check.boundary_loops, check.euler_characteristic),
+        (1, 2, 0)
+    );
     let swept = triangles(&read_step(&data("swept")).unwrap(), 1e-4);
     assert_eq!((swept.parts.len(), swept.left_out.len()), (3, 0));
     for (part, truth) in swept.parts.iter().zip([1541.09833, 606.299149, 359.826064]) {
@@ -149,7 +154,9 @@ fn lengths_and_angles_are_in_the_units_of_the_file() {
 fn corners_of_straight_sides_and_bare_surfaces_are_read() {
     // A tetrahedron by loops of points, all its faces outwards, and a bilinear surface that no face bounds.
     let corners = [(20, "0.,0.,0."), (21, "1.,0.,0."), (22, "0.,1.,0."), (23, "0.,0.,1.")];
-    let mut lines: String = corners.map(|(id, at)| format!("#{id}=CARTESIAN_POINT('',({at}));\n")).concat();
+    let mut lines: String = corners
+        .map(|(id, at)| format!("#{id}=CARTESIAN_POINT('',({at}));\n"))
+        .concat();
     let planes = [
         ("0.,0.,-1.", "1.,0.,0.", [20, 22, 21], 20),
         ("0.,-1.,0.", "1.,0.,0.", [20, 21, 23], 20),
@@ -161,7 +168,19 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
         lines += &format!(
             "#{}=DIRECTION('',({normal}));\n#{}=DIRECTION('',({x}));\n#{}=AXIS2_PLACEMENT_3D('',#{at},#{},#{});\n#{}=PLANE('',#{});\n\
              #{}=POLY_LOOP('',(#{a},#{b},#{c}));\n#{}=FACE_OUTER_BOUND('',#{},.T.);\n#{}=FACE_SURFACE('',(#{}),#{},.T.);\n",
-            id, id + 1, id + 2, id, id + 1, id + 3, id + 2, id + 4, id + 5, id + 4, id + 6, id + 5, id + 3
+            id,
+            id + 1,
+            id + 2,
+            id,
+            id + 1,
+            id + 3,
+            id + 2,
+            id + 4,
+            id + 5,
+            id + 4,
+            id + 6,
+            id + 5,
+            id + 3
         );
     }
     lines += "#80=CLOSED_SHELL('',(#36,#46,#56,#66));\n#81=FACETED_BREP('',#80);\n\
@@ -216,14 +235,45 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         read_mesh(&path).unwrap_err().to_string()
     };
     for (text, words) in [
-        (file("#1", "#2", "#30", &lines), "part.stp: 2 of its 3 faces cannot be read, the first: face #50"),
+        (
+            file("#1", "#2", "#30", &lines),
+            "part.stp: 2 of its 3 faces cannot be read, the first: face #50",
+        ),
         (file("#1", "#2", "#13", ""), "part.stp: it holds no faces"),
-        (file("#1", "#2", "#16", "#16=GEOMETRIC_CURVE_SET('',(#10));\n"), "it holds no faces, only 1 GEOMETRIC_CURVE_SET"),
-        (file("#1", "#2", "#30", &cone("2.")), "none of its 1 faces could be read: face #28: #20 CONICAL_SURFACE in line"),
-        (file("#1", "#2", "#30", &cone("0.5").replace("#21,.T.", "#21,$")), "#24 EDGE_CURVE in line 23: attribute 5: needed .T. or .F., found $"),
-        (file("#1", "#2", "#30", &cone("0.5").replace("CIRCLE('',#13,1.)", "TRIMMED_CURVE('',#21,(),(),.T.,.PARAMETER.)")), "refers to itself"),
-        (file("#1", "#2", "#30", &cone("0.5").replace("(#28)", "(#29)")), "needed ADVANCED_FACE or FACE_SURFACE"),
-        (file("#1", "#2", "#45", "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n"), "an assembly holds itself"),
+        (
+            file("#1", "#2", "#16", "#16=GEOMETRIC_CURVE_SET('',(#10));\n"),
+            "it holds no faces, only 1 GEOMETRIC_CURVE_SET",
+        ),
+        (
+            file("#1", "#2", "#30", &cone("2.")),
+            "none of its 1 faces could be read: face #28: #20 CONICAL_SURFACE in line",
+        ),
+        (
+            file("#1", "#2", "#30", &cone("0.5").replace("#21,.T.", "#21,$")),
+            "#24 EDGE_CURVE in line 23: attribute 5: needed .T. or .F., found $",
+        ),
+        (
+            file(
+                "#1",
+                "#2",
+                "#30",
+                &cone("0.5").replace("CIRCLE('',#13,1.)", "TRIMMED_CURVE('',#21,(),(),.T.,.PARAMETER.)"),
+            ),
+            "refers to itself",
+        ),
+        (
+            file("#1", "#2", "#30", &cone("0.5").replace("(#28)", "(#29)")),
+            "needed ADVANCED_FACE or FACE_SURFACE",
+        ),
+        (
+            file(
+                "#1",
+                "#2",
+                "#45",
+                "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n",
+            ),
+            "an assembly holds itself",
+        ),
         ("solid\n".to_owned(), "it is no STEP file"),
     ] {
         let e = said(&text);

@@ -200,7 +200,9 @@ impl<'b, 'a> Builder<'b, 'a> {
                 let vertices: Result<Vec<usize>> = points.into_iter().map(|p| self.corner(p)).collect();
                 let vertices = vertices?;
                 let n = vertices.len();
-                Ok((0..n).map(|k| self.side([vertices[k], vertices[(k + 1) % n]])).collect())
+                Ok((0..n)
+                    .map(|k| self.side([vertices[k], vertices[(k + 1) % n]]))
+                    .collect())
             }
             _ => Err(entity.wrong("needed EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
         }
