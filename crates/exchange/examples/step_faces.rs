@@ -48,12 +48,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 sums[1] += planish_estimate::vector3::dot(a, n) / 6.0;
             }
         }
-        if std::env::var("PARTS").is_ok() {
-            for part in &mesh.parts {
-                let mesh = TriangleMesh::try_new(part.points.clone(), part.triangles.clone())?;
-                eprintln!("{} {:?} {:?}", mesh.triangles.len(), mesh.check(), mesh.signed_volume());
-            }
-        }
         let [triangles, open, shared, turned] = counts;
         println!(
             "{},{},{},{},{},{triangles},{open},{shared},{turned},{},{},{seconds:.3}",

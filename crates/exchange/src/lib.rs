@@ -73,5 +73,5 @@ pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, re
 pub use checksum::sha256_of;
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
-pub use source::extension;
+pub use source::{extension, found_extension};
 pub use unit::Unit;

@@ -20,7 +20,7 @@ use planish_sense::Scan;
 
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
-use crate::source::extension;
+use crate::source::{extension, found_extension};
 
 /// Triangles with named numbers at their vertices, as a file holds them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -165,7 +165,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
         "off" => crate::off::read_mesh(path),
         "glb" => crate::glb::read_mesh(path),
         "step" | "stp" => crate::step::read_mesh(path),
-        other => Err(unsupported(path, other)),
+        _ => Err(unsupported(path, ", step")),
     }
 }
 
@@ -194,14 +194,15 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
         "stl" => crate::stl::write_mesh(path, mesh),
         "off" => crate::off::write_mesh(path, mesh),
         "glb" => crate::glb::write_mesh(path, mesh),
-        other => Err(unsupported(path, other)),
+        _ => Err(unsupported(path, "")),
     }
 }
 
-fn unsupported(path: &Path, found: &str) -> Error {
+fn unsupported(path: &Path, more: &str) -> Error {
     Error::unsupported(format!(
-        "{}: needed a mesh (ply, obj, stl, off, glb), found the extension `{found}`",
-        path.display()
+        "{}: needed a mesh (ply, obj, stl, off, glb{more}), found {}",
+        path.display(),
+        found_extension(path)
     ))
 }
 

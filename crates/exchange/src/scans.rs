@@ -21,7 +21,7 @@ use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::several::several;
-use crate::source::{extension, open};
+use crate::source::{extension, found_extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, off, stl};
@@ -229,7 +229,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
             "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not in other lists",
             path.display()
         ))),
-        other => {
+        _ => {
             // A wrong name is the likelier mistake.
             if !path.exists() {
                 return Err(Error::io(format!("{}: does not exist", path.display())));
@@ -237,13 +237,10 @@ fn read_by_extension(path: &Path) -> Result<Read> {
             if path.is_dir() {
                 return Err(Error::io(format!("{}: is a folder, needed a file", path.display())));
             }
-            let found = match other {
-                "" => "no extension".to_owned(),
-                other => format!("the extension `{other}`"),
-            };
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {found}",
-                path.display()
+                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
+                path.display(),
+                found_extension(path)
             )))
         }
     }?;

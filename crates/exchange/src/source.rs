@@ -148,6 +148,18 @@ pub fn extension(path: &Path) -> String {
     }
 }
 
+/// What a message says was found where no reader takes the extension.
+#[must_use]
+pub fn found_extension(path: &Path) -> String {
+    match extension(path).as_str() {
+        "" => "no extension".to_owned(),
+        "iges" | "igs" => {
+            "IGES, which is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart".to_owned()
+        }
+        other => format!("the extension `{other}`"),
+    }
+}
+
 /// What is wrong with a path that is no file.
 pub(crate) fn no_file(path: &Path) -> &'static str {
     match path.exists() {

@@ -205,9 +205,10 @@ impl Compared {
                 }
                 ComparedMesh::of_file(file, path).map(Self::Mesh)
             }
-            other => Err(Error::unsupported(format!(
-                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), found the extension `{other}`",
-                path.display()
+            _ => Err(Error::unsupported(format!(
+                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), found {}",
+                path.display(),
+                planish_exchange::found_extension(path)
             ))),
         }
     }

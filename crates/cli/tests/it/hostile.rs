@@ -102,6 +102,18 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A folder that takes no files", "fit good.xyz -o /sys/new.ply", 3),
     ("A protected file", "fit good.xyz -o protected.ply", 3),
     ("The input as output", "fit half.ply -o half.ply", 2),
+    ("A STEP file that is cut off", "compare half.step good.xyz", 2),
+    (
+        "A STEP face whose bound is its own loop",
+        "view itself.step -o old.png",
+        2,
+    ),
+    (
+        "A STEP spline that promises a billion knots",
+        "merge knots.step knots.step -o old.ply",
+        2,
+    ),
+    ("Assemblies of ten of the next, ten deep", "info parts.step", 2),
     (
         "Blocks that hold ten of the next, ten deep",
         "solid blocks.dxf top.dxf -o old.step",
@@ -434,7 +446,50 @@ fn fill_drawings(folder: &Path) {
     );
     text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
     std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");
+    steps(folder);
     text("cut.json", "{\"kind\": \"circle\", \"parameters\": {");
+}
+
+/// STEP files that hold what no part does.
+fn steps(folder: &Path) {
+    let step = |name: &str, lines: &str| {
+        let text = format!(
+            "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nENDSEC;\nDATA;\n{lines}ENDSEC;\nEND-ISO-10303-21;\n"
+        );
+        std::fs::write(folder.join(name), text).expect("a file");
+    };
+    let whole = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
+#2=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#1))REPRESENTATION_CONTEXT('',''));
+#3=CARTESIAN_POINT('',(0.,0.,0.));
+#4=AXIS2_PLACEMENT_3D('',#3,$,$);
+#5=SHELL_BASED_SURFACE_MODEL('',(#6));
+#6=OPEN_SHELL('',(#7));
+";
+    let shape = "#8=SHAPE_REPRESENTATION('',(#5),#2);\n";
+    step(
+        "itself.step",
+        &format!("{whole}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"),
+    );
+    step(
+        "knots.step",
+        &format!(
+            "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,.F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
+        ),
+    );
+    let mut parts =
+        format!("{whole}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n");
+    for k in 1..=10 {
+        let (map, inner) = (100 * k, if k == 1 { 20 } else { 100 * k - 99 });
+        let items: Vec<String> = (2..12).map(|i| format!("#{}", map + i)).collect();
+        parts += &format!("#{map}=REPRESENTATION_MAP(#4,#{inner});\n");
+        for item in &items {
+            parts += &format!("{item}=MAPPED_ITEM('',#{map},#4);\n");
+        }
+        parts += &format!("#{}=SHAPE_REPRESENTATION('',({}),#2);\n", map + 1, items.join(","));
+    }
+    step("parts.step", &parts);
+    let whole = std::fs::read(folder.join("parts.step")).expect("a file");
+    std::fs::write(folder.join("half.step"), &whole[..whole.len() / 2]).expect("a file");
 }
 
 /// What an older file holds.

@@ -152,6 +152,7 @@ fn what_cannot_be_merged_is_named() {
         ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"),
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
         ("part.step", "ISO-10303-21;\n"),
+        ("part.iges", "an older part\n"),
     ] {
         std::fs::write(path(name), text).expect("a file");
     }
@@ -168,9 +169,13 @@ fn what_cannot_be_merged_is_named() {
         (
             "merge a.obj part.step -o w.ply",
             2,
-            "part.step: line 2: the file ends before `END-ISO-10303-21;`",
+            "part.step: line 1: the file ends before `END-ISO-10303-21;`",
         ),
-        ("merge a.obj part.iges -o w.ply", 2, "part.iges: IGES is not read"),
+        (
+            "merge a.obj part.iges -o w.ply",
+            2,
+            "found IGES, which is not read: write it as STEP",
+        ),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
         (
             "merge a.obj copy.obj -o w.ply",
@@ -189,7 +194,7 @@ fn what_cannot_be_merged_is_named() {
     }
 }
 
-/// Of two files with the same places, one counts, and both are named.
+/// Faces of a STEP file are merged with those of another, and with a mesh.
 #[test]
 fn faces_of_step_files_are_patches() {
     // A bent sheet as a mesh over one half and as CAD faces over the other, by way of a fit of points.
@@ -208,7 +213,7 @@ fn faces_of_step_files_are_patches() {
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     for name in ["left", "right"] {
         run(&format!(
-            "fit {name}.xyz -o {name}.step -o {name}.ply --sigma-point 0.01 --unit mm"
+            "fit {name}.xyz -o {name}.step -o {name}.ply --tolerance 0.002mm --unit mm"
         ));
     }
     for pair in ["left.step right.step", "left.step right.ply"] {
@@ -240,6 +245,7 @@ fn faces_of_step_files_are_patches() {
     assert!(rms < 0.01, "{rms}");
 }
 
+/// Of two files with the same places, one counts, and both are named.
 #[test]
 fn a_copy_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");

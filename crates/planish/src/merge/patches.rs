@@ -50,7 +50,7 @@ pub struct PatchSet {
 /// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for IGES.
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for other extensions.
 pub fn read_patches(
     paths: &[PathBuf],
     bound: Option<&PathBuf>,
@@ -94,11 +94,6 @@ pub fn read_patches(
         } else if is_step_file(path) {
             set.inputs.push(path.clone());
             of_faces(path, unit, chord, &mut read, &mut set.warnings)?;
-        } else if matches!(extension(path).as_str(), "iges" | "igs") {
-            return Err(Error::unsupported(format!(
-                "{}: IGES is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart",
-                path.display()
-            )));
         } else {
             let scans = read_inputs(&[path], unit)?;
             set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));

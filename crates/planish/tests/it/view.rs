@@ -195,8 +195,13 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
     assert!(text.contains("normals"), "{text}");
     let (kind, text) = message(&points, Some(mesh), ColourBy::Plain);
     assert!(kind == ErrorKind::Unsupported && text.contains("points only"), "{text}");
-    let (kind, text) = message(&folder.path().join("part.step"), None, ColourBy::Plain);
-    assert!(kind == ErrorKind::Unsupported && text.contains("not read"), "{text}");
+    let iges = folder.path().join("part.iges");
+    std::fs::write(&iges, format!("{:72}S      1\n", "")).unwrap();
+    let (kind, text) = message(&iges, None, ColourBy::Plain);
+    assert!(
+        kind == ErrorKind::Unsupported && text.contains("IGES, which is not read"),
+        "{text}"
+    );
 }
 
 #[test]

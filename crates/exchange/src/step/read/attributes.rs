@@ -119,23 +119,29 @@ impl<'a> Entity<'a> {
     }
 
     fn all<T>(&self, at: usize, what: &str, of: impl Fn(&Value<'a>) -> Option<T>) -> Result<Vec<T>> {
-        let found: Option<Vec<T>> = self.list(at)?.iter().map(of).collect();
-        found.ok_or_else(|| self.needed(at, what))
+        let each = self.list(at)?.iter().enumerate();
+        each.map(|(k, value)| {
+            of(value).ok_or_else(|| {
+                let place = format!("attribute {}, value {}", at + 1, k + 1);
+                self.wrong(&format!("{place}: needed a list of {what}, found {value} in it"))
+            })
+        })
+        .collect()
     }
 
     pub(super) fn references(&self, at: usize) -> Result<Vec<u64>> {
-        self.all(at, "a list of instances", |v| match v {
+        self.all(at, "instances", |v| match v {
             Value::Reference(id) => Some(*id),
             _ => None,
         })
     }
 
     pub(super) fn numbers(&self, at: usize) -> Result<Vec<f64>> {
-        self.all(at, "a list of numbers", number)
+        self.all(at, "numbers", number)
     }
 
     pub(super) fn counts(&self, at: usize) -> Result<Vec<usize>> {
-        self.all(at, "a list of counts", count)
+        self.all(at, "counts", count)
     }
 
     /// Rows of equal length, one after the other, and how many there are.
@@ -187,7 +193,7 @@ fn number(value: &Value) -> Option<f64> {
 
 fn count(value: &Value) -> Option<usize> {
     match value {
-        Value::Number(x) if *x >= 0.0 && x.fract() == 0.0 && *x < 1e9 => Some(*x as usize),
+        Value::Number(x) if *x >= 0.0 && x.fract() == 0.0 && *x <= 1e9 => Some(*x as usize),
         _ => None,
     }
 }
