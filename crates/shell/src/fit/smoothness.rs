@@ -19,10 +19,13 @@ pub(super) struct Smoothness {
     pub stiffness: DMatrix<f64>,
     rank: usize,
     weight: f64,
+    /// The weight at most.
+    most: f64,
 }
 
 impl Smoothness {
-    pub(super) fn new(stiffness: DMatrix<f64>) -> Result<Self> {
+    /// A prior whose weight is at most that of displacements of `start_sigma`, all independent: those have a roughness of `σ² tr K`, and the prior expects `rank(K)/λ`.
+    pub(super) fn new(stiffness: DMatrix<f64>, start_sigma: Option<f64>) -> Result<Self> {
         let (own, times) = match of_one_coordinate(&stiffness) {
             Some(own) => (own, 3),
             None => (stiffness.clone(), 1),
@@ -32,10 +35,13 @@ impl Smoothness {
         if eigen.iter().any(|e| *e < -1e-8 * largest) {
             return Err(Error::input("the stiffness of controls is not positive semidefinite"));
         }
+        let rank = times * eigen.iter().filter(|e| **e > 1e-10 * largest).count();
+        let most = start_sigma.map_or(f64::INFINITY, |sigma| rank as f64 / (sigma * sigma * stiffness.trace()));
         Ok(Self {
-            rank: times * eigen.iter().filter(|e| **e > 1e-10 * largest).count(),
+            rank,
             stiffness,
             weight: 0.0,
+            most,
         })
     }
 
@@ -58,7 +64,7 @@ impl Smoothness {
             return Err(undetermined());
         }
         if self.weight == 0.0 {
-            self.weight = 0.01 * natural;
+            self.weight = (0.01 * natural).min(self.most);
         }
         let target = information * q + vector;
         let model = SmoothnessModel {
@@ -81,7 +87,9 @@ impl Smoothness {
                 log_determinant: 0.0,
                 trace: Some(factor.inverse().dot(&self.stiffness)),
             };
-            let next = (model.fellner_schall_update(self.weight, &evaluation)?).clamp(1e-8 * natural, 1e8 * natural);
+            let next = (model.fellner_schall_update(self.weight, &evaluation)?)
+                .clamp(1e-8 * natural, 1e8 * natural)
+                .min(self.most);
             let change = (next / self.weight).ln().abs();
             self.weight = next;
             if change < 0.02 {
