@@ -171,3 +171,6 @@ fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     }
     kept
 }
+
+#[cfg(test)]
+mod tests;

@@ -226,6 +226,11 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     let mut inputs = vec![job.mesh.clone()];
     inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
     let frames = match &job.sequence {
+        Some(_) if job.rough_start => {
+            return Err(Error::input(
+                "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
+            ));
+        }
         Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => {
             return Err(Error::input(
                 "a sequence holds its points and silhouettes in the folders of its frames",

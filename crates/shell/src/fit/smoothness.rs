@@ -111,3 +111,32 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         .all(|j| (0..size).all(|i| stiffness[(i, j)] == if i % 3 == j % 3 { own[(i / 3, j / 3)] } else { 0.0 }));
     same.then_some(own)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed; with σ of the start they do not.
+    #[test]
+    fn a_start_made_of_the_readings_is_not_believed() {
+        let count = 10;
+        let mut bending = DMatrix::zeros(count, count);
+        for i in 1..count - 1 {
+            let row = DVector::from_fn(count, |k, _| match k.abs_diff(i) {
+                0 => -2.0,
+                1 => 1.0,
+                _ => 0.0,
+            });
+            bending += &row * row.transpose();
+        }
+        let information = DMatrix::identity(count, count);
+        let nothing = DVector::zeros(count);
+        let weight = |start_sigma| {
+            let mut smooth = Smoothness::new(bending.clone(), start_sigma).unwrap();
+            smooth.weight(&information, &nothing, &nothing).unwrap()
+        };
+        let (free, held) = (weight(None), weight(Some(2.0)));
+        assert!((held - 8.0 / (4.0 * bending.trace())).abs() < 1e-9, "{held}");
+        assert!(free > 1e3 * held, "{free} {held}");
+    }
+}
