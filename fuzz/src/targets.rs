@@ -16,6 +16,7 @@ use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
 use planish_exchange::poses::read_poses;
+use planish_exchange::step::read_step;
 use planish_exchange::svg::read_svg;
 use planish_exchange::textured::{read_materials, read_textured};
 use planish_exchange::views::read_views;
@@ -59,6 +60,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "mtl",      file: "a.mtl",     valid: valid::mtls,       words: MTL,  mend: as_it_is,   read: materials },
     Target { name: "off",      file: "a.off",     valid: valid::offs,       words: OFF,  mend: as_it_is,   read: mesh_and_back },
     Target { name: "stl",      file: "a.stl",     valid: valid::stls,       words: STL,  mend: count_of_stl, read: mesh_and_back },
+    Target { name: "step",     file: "a.step",    valid: valid::steps,      words: STEP, mend: as_it_is,   read: step },
     Target { name: "glb-looks", file: "a.glb",    valid: valid::posed,      words: GLB,  mend: lengths_of_glb, read: textured },
     Target { name: "glb",      file: "a.glb",     valid: valid::glbs,       words: GLB,  mend: lengths_of_glb, read: mesh_and_back },
     Target { name: "npy",      file: "a.npy",     valid: valid::npys,       words: NPY,  mend: as_it_is,   read: scans },
@@ -420,6 +422,46 @@ const LIGHTS: &[&str] = &[
     "=",
 ];
 
+const STEP: &[&str] = &[
+    "ISO-10303-21;",
+    "DATA;",
+    "ENDSEC;",
+    "END-ISO-10303-21;",
+    "#1",
+    "#12",
+    "#30",
+    "=",
+    "(",
+    ")",
+    ",",
+    ";",
+    "'",
+    "$",
+    "*",
+    ".T.",
+    ".F.",
+    "/*",
+    "*/",
+    "0.",
+    "1.E300",
+    "-1.E-300",
+    "999999999",
+    "LINE",
+    "CIRCLE",
+    "PLANE",
+    "CYLINDRICAL_SURFACE",
+    "CONICAL_SURFACE",
+    "SPHERICAL_SURFACE",
+    "TOROIDAL_SURFACE",
+    "OFFSET_SURFACE",
+    "SURFACE_OF_REVOLUTION",
+    "SURFACE_OF_LINEAR_EXTRUSION",
+    "VERTEX_LOOP",
+    "ORIENTED_FACE",
+    "MAPPED_ITEM",
+    "SHAPE_REPRESENTATION",
+    "SHAPE_REPRESENTATION_RELATIONSHIP",
+];
 const DXF: &[&str] = &[
     "SECTION",
     "ENDSEC",
@@ -580,6 +622,13 @@ const CONTOUR: &[&str] = &[
 
 fn dxf(path: &Path) -> Result<()> {
     read_dxf(path).map(drop)
+}
+
+/// Faces are cut as coarsely as shows what a file can do to that.
+fn step(path: &Path) -> Result<()> {
+    let faces = read_step(path)?;
+    let fineness = faces.fineness(Some(0.01 * faces.size()));
+    faces.triangles(&fineness).map(drop)
 }
 
 fn svg(path: &Path) -> Result<()> {

@@ -3,6 +3,7 @@
 //! Comes in: nothing. Goes out: bytes, from our own writers where there is one, else written by hand.
 
 use flate2::Compression;
+use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use las::point::{Classification, Format};
 use planish::fit::{FitOptions, fit};
@@ -15,7 +16,7 @@ use planish_exchange::ply::{write_mesh, write_scan};
 use planish_exchange::{Unit, read_inputs};
 use planish_sense::{RangeGrid, Scan};
 use std::fmt::Write as _;
-use std::io::{Cursor, Write as _};
+use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 
 /// A wave over a square.
@@ -324,6 +325,24 @@ pub fn objs() -> Result<Vec<Vec<u8>>> {
 }
 
 /// OFF as we write it and with polygons and colours.
+/// Faces on planes, cylinders, cones, spheres and splines, in inches and millimetres, and parts in an assembly.
+pub fn steps() -> Result<Vec<Vec<u8>>> {
+    let files: [&[u8]; 5] = [
+        include_bytes!("../../crates/exchange/tests/data/assembly.step.gz"),
+        include_bytes!("../../crates/exchange/tests/data/rounded_box.step.gz"),
+        include_bytes!("../../crates/exchange/tests/data/swept.step.gz"),
+        include_bytes!("../../crates/exchange/tests/data/turned.step.gz"),
+        include_bytes!("../../crates/exchange/tests/data/sheet.step.gz"),
+    ];
+    let unpacked = |packed: &[u8]| {
+        let mut bytes = Vec::new();
+        let read = GzDecoder::new(packed).read_to_end(&mut bytes);
+        read.map(|_| bytes)
+            .map_err(|e| Error::io("not unpacked").with_source(e))
+    };
+    files.into_iter().map(unpacked).collect()
+}
+
 pub fn offs() -> Result<Vec<Vec<u8>>> {
     let other =
         "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 0.5 0.5 0.5\n";

@@ -462,7 +462,7 @@ that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ 
 #[derive(Debug, Args)]
 #[command(after_help = COMPARE_EXAMPLES)]
 pub struct CompareArgs {
-    /// A saved model (.planish) or a mesh (.ply, .obj, .stl, .glb), with or without σ
+    /// A saved model (.planish), a mesh (.ply, .obj, .stl, .off, .glb), with or without σ, or CAD faces (.step)
     #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]
     pub model: PathBuf,
     /// A mesh, points, or scans as `planish fit` reads them
@@ -985,7 +985,7 @@ pub struct PictureArgs {
     #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
 
-    /// The thing: a mesh (.ply, .obj, .stl or .glb) [default: a freeform of 100 mm]
+    /// The thing: a mesh (.ply, .obj, .stl, .off or .glb) or CAD faces (.step) [default: a freeform of 100 mm]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help_heading = "Scene")]
     pub mesh: Option<PathBuf>,
     /// Smooth subdivisions (Loop) of the mesh, from 0 to 5; what is seen, and truth.ply, is the finer one

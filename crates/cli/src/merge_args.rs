@@ -12,9 +12,10 @@ Examples:
   planish merge left.ply right.ply -o whole.step -o whole.planish
   planish merge bun.conf -o bunny.ply --json
   planish merge left.ply right.ply --align -o whole.ply
+  planish merge part.step scan.ply -o whole.ply
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
-Patches are saved models, meshes with faces, and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \
+Patches are saved models, meshes with faces, faces of STEP files (those that share edges are one patch), and scans in rows and columns (or lists of them), all in one frame. Places of two patches are \
 one where they are nearer than ε and their normals differ by less than θ; both follow from σ unless they are given. A mesh states σ in \
 a column `sigma`; where nothing states it, it is told from how patches differ. Where patches share a place, all of them say where the \
 surface is, each with the weight of its information. Then each place is given to one patch, and the gaps are sewn: no edge has \
@@ -48,7 +49,7 @@ impl From<MethodName> for MergeMethod {
 #[derive(Debug, Args)]
 #[command(after_help = MERGE_EXAMPLES)]
 pub struct MergeArgs {
-    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .off, .glb), scans in rows and columns, lists of scans (.conf, .toml)
+    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .off, .glb), CAD faces (.step), scans in rows and columns, lists of scans (.conf, .toml)
     #[arg(value_name = "PATCH", required = true, value_hint = ValueHint::FilePath)]
     pub patches: Vec<PathBuf>,
     /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl; .step or .planish as one spline); may be repeated
@@ -72,7 +73,7 @@ pub struct MergeArgs {
     /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull` writes: it stands where no patch is, flagged as completed
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub complete: Option<PathBuf>,
-    /// Most that chords leave the surface of a saved model, as a length [default: half its median σ]
+    /// Most that chords leave the surface of a saved model or of CAD faces, as a length [default: half the median σ of a model, a ten thousandth of the size of CAD faces]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<Length>,
     /// The report.

@@ -31,7 +31,7 @@ Where an OBJ or GLB has texture coordinates, OBJ and GLB keep them and its textu
 #[derive(Debug, Args)]
 #[command(after_help = SHELL_FIT_EXAMPLES)]
 pub struct ShellFitArgs {
-    /// The mesh to move: .ply, .obj, .stl or .glb
+    /// The mesh to move: .ply, .obj, .stl, .off, .glb, or the faces of a .step
     #[arg(value_name = "MESH", value_hint = ValueHint::FilePath)]
     pub mesh: PathBuf,
     /// Points that it is to go through (repeatable)

@@ -24,7 +24,7 @@ places whose smooth distance from the mesh is --offset, negative inside: both ne
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ShellMeshArgs {
-    /// The mesh: .ply, .obj, .stl, .off or .glb
+    /// The mesh: .ply, .obj, .stl, .off, .glb, or the faces of a .step
     #[arg(value_name = "MESH", value_hint = ValueHint::FilePath)]
     pub mesh: PathBuf,
     /// Mesh to write; may be repeated: .ply, .obj, .stl, .off, .glb

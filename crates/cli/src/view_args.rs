@@ -55,7 +55,7 @@ nor a graphics card. Colours of values are those of reports; a legend names the 
 #[derive(Debug, Args)]
 #[command(after_help = VIEW_EXAMPLES)]
 pub struct ViewArgs {
-    /// A saved model (.planish), a mesh (.ply, .obj, .off, .stl, .glb), points, or scans as `planish fit` reads them
+    /// A saved model (.planish), a mesh (.ply, .obj, .off, .stl, .glb), CAD faces (.step), points, or scans as `planish fit` reads them
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub file: PathBuf,
     /// Write a picture (.png), or the page as a file (.html), in place of showing it

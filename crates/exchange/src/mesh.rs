@@ -9,6 +9,7 @@
 //! | STL | `float32` positions, the unit in the header | equal vertices become one |
 //! | OFF | all digits of positions | polygons; the unit and columns have no place |
 //! | GLB | `float32` positions about an offset, normals, columns; metres | the same |
+//! | STEP | surfaces, by [`crate::step`] | triangles of all faces, by [`crate::step::read_step`] |
 //!
 //! Not guaranteed: that columns survive OBJ and STL, which have no place for them.
 
@@ -140,10 +141,22 @@ pub fn is_mesh_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "off" | "glb")
 }
 
-/// Reads a mesh of any format; one without faces has no triangles.
+/// Whether a path's extension is that of a format of which faces are read: those of meshes, `step` and `stp`.
+#[must_use]
+pub fn has_faces(path: &Path) -> bool {
+    is_mesh_file(path) || is_step_file(path)
+}
+
+/// Whether a path's extension is `step` or `stp`, maybe behind gzip.
+#[must_use]
+pub fn is_step_file(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "step" | "stp")
+}
+
+/// Reads a mesh of any format; one without faces has no triangles. Faces of STEP files are cut into triangles that miss them by a ten thousandth of the size.
 ///
 /// # Errors
-/// As the format's reader; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions.
+/// As the format's reader; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions, and where a face of a STEP file cannot be read.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     match extension(path).as_str() {
         "ply" => crate::ply::read_mesh(path),
@@ -151,6 +164,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
         "stl" => crate::stl::read_mesh(path),
         "off" => crate::off::read_mesh(path),
         "glb" => crate::glb::read_mesh(path),
+        "step" | "stp" => crate::step::read_mesh(path),
         other => Err(unsupported(path, other)),
     }
 }

@@ -306,6 +306,14 @@ impl<R: Read> Source<R> {
         Ok(Some(self.take(n)))
     }
 
+    /// All that is left.
+    pub(crate) fn rest(mut self) -> Result<Vec<u8>> {
+        while self.fill()? {}
+        self.buffer.truncate(self.end);
+        self.buffer.drain(..self.start);
+        Ok(self.buffer)
+    }
+
     /// Passes over blanks to the end of the file; the place of the first byte that is none, where there is one.
     pub(crate) fn more_than_blanks(&mut self) -> Result<Option<u64>> {
         loop {

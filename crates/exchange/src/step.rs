@@ -1,4 +1,4 @@
-//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out.
+//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out; faces of any kind, in ([`read_step`]).
 //!
 //! Comes in: a [`Brep`]. Goes out: `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
 //! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid where the shell is closed, else a surface model.
@@ -16,6 +16,7 @@
 
 mod brep;
 mod part21;
+mod read;
 mod solid;
 #[cfg(test)]
 mod tests;
@@ -28,6 +29,8 @@ use planish_solid::brep::Solid;
 
 pub use brep::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use part21::{Id, Part21, integers, reals, text};
+pub(crate) use read::read_mesh;
+pub use read::{StepFaces, StepMesh, read_step};
 
 use crate::Unit;
 use crate::atomic::write_packed;

@@ -19,7 +19,7 @@ use crate::report::{ReportOutput, compare_page};
 use crate::saved;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
-use planish_exchange::mesh::{PolygonMesh, is_mesh_file, read_mesh};
+use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, variance_along};
@@ -188,14 +188,14 @@ impl ComparedMesh {
 }
 
 impl Compared {
-    /// Reads a `.planish` model or a mesh: PLY, OBJ, STL or GLB.
+    /// Reads a `.planish` model, a mesh (PLY, OBJ, STL, OFF or GLB) or the faces of a STEP file.
     ///
     /// # Errors
     /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ that is negative or not finite.
     pub fn read(path: &Path) -> Result<Self> {
         match planish_exchange::extension(path).as_str() {
             "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
-            _ if is_mesh_file(path) => {
+            _ if has_faces(path) => {
                 let file = read_mesh(path)?;
                 if file.triangles.is_empty() {
                     return Err(Error::input(format!(
@@ -206,7 +206,7 @@ impl Compared {
                 ComparedMesh::of_file(file, path).map(Self::Mesh)
             }
             other => Err(Error::unsupported(format!(
-                "{}: needed a model (.planish) or a mesh (.ply, .obj, .stl, .glb), found the extension `{other}`",
+                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), found the extension `{other}`",
                 path.display()
             ))),
         }
@@ -228,7 +228,7 @@ impl Reference {
     /// # Errors
     /// As the readers; `Input` for a σ that is not positive.
     pub fn read(path: &Path) -> Result<Self> {
-        if !is_mesh_file(path) {
+        if !has_faces(path) {
             return Ok(Self::from_scans(&read_inputs(&[path], None)?));
         }
         let file = read_mesh(path)?;

@@ -9,9 +9,9 @@ use crate::fit::SigmaSummary;
 use crate::mesh_output::sigma_summary;
 use crate::model::{Observed, PoseReport, SensorReport};
 use crate::saved::{SavedModel, Session, load_with_provenance};
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use planish_exchange::extension;
-use planish_exchange::mesh::{PolygonMesh, is_mesh_file, read_mesh};
+use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::ply::read_contents;
 use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
@@ -209,7 +209,7 @@ pub struct ModelInfo {
 /// Reads a file and says what it holds; `unit` is that of a file that names none.
 ///
 /// # Errors
-/// As the readers; `Unsupported` for STEP files and other extensions.
+/// As the readers; `Unsupported` for other extensions.
 ///
 /// # Examples
 /// ```no_run
@@ -231,7 +231,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
                 scans(path, contents.unit, unit)
             }
         }
-        _ if is_mesh_file(path) => match read_mesh(path) {
+        _ if has_faces(path) => match read_mesh(path) {
             Ok(file) if !file.triangles.is_empty() => {
                 let others = file.columns.iter().map(|(name, _)| name.as_str());
                 let columns = ["x", "y", "z"].into_iter().chain(others).map(str::to_owned).collect();
@@ -240,10 +240,6 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
             Ok(file) => scans(path, file.unit, unit),
             Err(e) => Err(e),
         },
-        "step" | "stp" => Err(Error::unsupported(format!(
-            "{}: STEP files are written but not read: open it in a CAD program, or ask about the .planish file beside it",
-            path.display()
-        ))),
         _ => scans(path, None, unit),
     }
 }

@@ -1,6 +1,6 @@
 //! Contours with their covariance, geometric constraints, views, and the solids that they mean.
 //!
-//! Ten parts, each usable by itself:
+//! Eleven parts, each usable by itself:
 //!
 //! | module | what |
 //! |---|---|
@@ -11,6 +11,7 @@
 //! | [`graph`] | the graphs of those constraints, of several views together, and tours through them |
 //! | [`noisy_views`] | views with covariance matched by χ² and made one geometry |
 //! | [`brep`] | solids as faces on planes and cylinders: made, checked, measured |
+//! | [`parametric`] | trimmed faces of CAD files, on surfaces of any kind, as triangles |
 //! | [`reprojection`] | what a finished solid shows in its views, compared with a drawing |
 //! | [`tessellation`] | watertight triangles of a solid |
 //! | [`views`] | every solid that two or three orthographic views can mean |
@@ -23,6 +24,7 @@ pub mod constraint;
 pub mod contour;
 pub mod graph;
 pub mod noisy_views;
+pub mod parametric;
 pub mod primitive;
 pub mod reprojection;
 pub mod sketch;

@@ -12,7 +12,8 @@
 mod chart;
 mod domain;
 mod effort;
-mod fill;
+pub(crate) mod fill;
+pub(crate) mod polygon;
 #[cfg(test)]
 mod tests;
 mod whole;

@@ -168,8 +168,9 @@ fn what_cannot_be_merged_is_named() {
         (
             "merge a.obj part.step -o w.ply",
             2,
-            "part.step: faces of CAD files are not read",
+            "part.step: line 2: the file ends before `END-ISO-10303-21;`",
         ),
+        ("merge a.obj part.iges -o w.ply", 2, "part.iges: IGES is not read"),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
         (
             "merge a.obj copy.obj -o w.ply",
@@ -189,6 +190,56 @@ fn what_cannot_be_merged_is_named() {
 }
 
 /// Of two files with the same places, one counts, and both are named.
+#[test]
+fn faces_of_step_files_are_patches() {
+    // A bent sheet as a mesh over one half and as CAD faces over the other, by way of a fit of points.
+    let folder = tempfile::tempdir().expect("a folder");
+    let height = |x: f64, y: f64| 3.0 * (0.09 * x).sin() * (0.07 * y).cos();
+    for (name, from) in [("left", 0.0), ("right", 25.0)] {
+        let mut text = String::new();
+        for i in 0..=70 {
+            for j in 0..=60 {
+                let (x, y) = (from + 0.5 * f64::from(i), 0.5 * f64::from(j));
+                writeln!(text, "{x} {y} {}", height(x, y)).expect("a string");
+            }
+        }
+        std::fs::write(folder.path().join(format!("{name}.xyz")), text).expect("a file");
+    }
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    for name in ["left", "right"] {
+        run(&format!(
+            "fit {name}.xyz -o {name}.step -o {name}.ply --sigma-point 0.01 --unit mm"
+        ));
+    }
+    for pair in ["left.step right.step", "left.step right.ply"] {
+        let found = run(&format!("merge {pair} -o whole.obj --json")).json();
+        assert_eq!(
+            (&found["unit"], &found["parts"]),
+            (&"mm".into(), &1.into()),
+            "{pair}: {found:#}"
+        );
+        assert_eq!(found["nonmanifold_edges"], 0);
+        let text = std::fs::read_to_string(folder.path().join("whole.obj")).expect("a mesh");
+        let (mut square, mut n) = (0.0, 0.0_f64);
+        for line in text.lines().filter_map(|l| l.strip_prefix("v ")) {
+            let p: Vec<f64> = line.split(' ').take(3).map(|x| x.parse().expect("a number")).collect();
+            if (0.0..=60.0).contains(&p[0]) && (0.0..=30.0).contains(&p[1]) {
+                square += (p[2] - height(p[0], p[1])).powi(2);
+                n += 1.0;
+            }
+        }
+        assert!(
+            n > 1000.0 && (square / n).sqrt() < 0.01,
+            "{pair}: {}",
+            (square / n).sqrt()
+        );
+    }
+    // The same file as what readings are compared with.
+    let compared = run("compare left.step left.xyz --json").json();
+    let rms = compared["backward"]["rms"].as_f64().expect("a number");
+    assert!(rms < 0.01, "{rms}");
+}
+
 #[test]
 fn a_copy_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");

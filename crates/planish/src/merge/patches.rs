@@ -9,7 +9,8 @@ use crate::next::Length;
 use crate::saved;
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
-use planish_exchange::mesh::{is_mesh_file, read_mesh};
+use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};
+use planish_exchange::step::read_step;
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
 use planish_mesh::{Patch, Tidied, TriangleMesh};
 use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
@@ -44,12 +45,12 @@ pub struct PatchSet {
     pub warnings: Vec<String>,
 }
 
-/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), organised scans and lists of them. `chord` is how far the mesh of a model may leave its surface, in the model's unit where it has none of its own; half its median σ where none is given.
+/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), STEP files (a patch for every set of faces that share edges), organised scans and lists of them. `chord` is how far the mesh of a model or of STEP faces may leave the surface, in the file's unit where it has none of its own; half the median σ of a model, a ten thousandth of a STEP file's size where none is given.
 ///
 /// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for files of CAD.
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for IGES.
 pub fn read_patches(
     paths: &[PathBuf],
     bound: Option<&PathBuf>,
@@ -90,9 +91,12 @@ pub fn read_patches(
             let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
             let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
             read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, of_file.or(unit)));
-        } else if matches!(extension(path).as_str(), "step" | "stp" | "iges" | "igs") {
+        } else if is_step_file(path) {
+            set.inputs.push(path.clone());
+            of_faces(path, unit, chord, &mut read, &mut set.warnings)?;
+        } else if matches!(extension(path).as_str(), "iges" | "igs") {
             return Err(Error::unsupported(format!(
-                "{}: faces of CAD files are not read: write them as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart",
+                "{}: IGES is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart",
                 path.display()
             )));
         } else {
@@ -136,6 +140,41 @@ pub fn read_patches(
     }
     set.bound = bound.and_then(|_| set.patches.pop());
     Ok(set)
+}
+
+/// The faces of a STEP file: a patch for every set that shares edges.
+fn of_faces(
+    path: &Path,
+    unit: Option<Unit>,
+    chord: Option<Length>,
+    read: &mut Vec<(NamedPatch, Option<Unit>)>,
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let faces = read_step(path)?;
+    let unit = faces.unit().or(unit);
+    let chord = chord.map(|chord| chord.in_unit(unit.unwrap_or(Unit::Millimetre)));
+    let mesh = faces
+        .triangles(&faces.fineness(chord))
+        .map_err(|e| e.in_context(path.display()))?;
+    if let Some(first) = mesh.left_out.first() {
+        warnings.push(format!(
+            "{}: {} of {} faces are left out, the first: {first}",
+            path.display(),
+            mesh.left_out.len(),
+            mesh.left_out.len() + mesh.faces
+        ));
+    }
+    let count = mesh.parts.len();
+    for (k, part) in mesh.parts.into_iter().enumerate() {
+        let name = match count {
+            1 => path.display().to_string(),
+            _ => format!("{} part {}", path.display(), k + 1),
+        };
+        let known = vec![true; part.points.len()];
+        let mesh = TriangleMesh::try_new(part.points, part.triangles).map_err(|e| e.in_context(&name))?;
+        read.push((of_mesh(name, &mesh, &[], &known, &[])?, unit));
+    }
+    Ok(())
 }
 
 /// The manifold part of the triangles whose corners are known.

@@ -5,7 +5,7 @@ use crate::progress::Progress;
 use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
-use planish_exchange::mesh::{is_mesh_file, read_mesh};
+use planish_exchange::mesh::{has_faces, read_mesh};
 use planish_exchange::{Unit, extension, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{count, counted, significant};
@@ -46,15 +46,9 @@ impl Thing {
         let path = &viewed.file;
         progress.check("reading", 0.0)?;
         let ending = extension(path);
-        if matches!(ending.as_str(), "step" | "stp") {
-            return Err(Error::unsupported(format!(
-                "{}: STEP files are written but not read: view the .planish, .ply or .glb that was written with it",
-                path.display()
-            )));
-        }
         let model = if ending == "planish" {
             Compared::read(path)?
-        } else if is_mesh_file(path) {
+        } else if has_faces(path) {
             let file = read_mesh(path)?;
             if file.triangles.is_empty() {
                 return Self::of_points(viewed, points.min(MOST_POINTS));

@@ -3,8 +3,8 @@
 use planish::brep::{BrepOptions, brep_from_surface};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_exchange::Unit;
-use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, write_step};
-use planish_mesh::BoundingBox;
+use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, read_step, write_step};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_spline::{BaseShape, Shape, Surface, TessellationOptions, tessellate};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -195,6 +195,47 @@ fn open_cascade(files: &[PathBuf]) -> Option<Vec<serde_json::Value>> {
         String::from_utf8_lossy(&output.stderr)
     );
     Some(results)
+}
+
+#[test]
+fn what_is_written_reads_back_as_the_surface() {
+    let folder = tempfile::tempdir().unwrap();
+    for shape in SHAPES {
+        let surface = bumpy(shape, 100.0, [12, 8], 1);
+        for options in &MODES {
+            let path = folder.path().join("part.step");
+            let brep = brep_from_surface(&surface, options);
+            write_step(&path, &brep, &StepOptions::default()).unwrap();
+            let faces = read_step(&path).unwrap();
+            let chord = 0.02;
+            let read = faces.triangles(&faces.fineness(Some(chord))).unwrap();
+            assert_eq!(
+                (read.parts.len(), read.faces, read.left_out.len()),
+                (1, brep.faces.len(), 0)
+            );
+            let mesh = TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
+            let check = mesh.check();
+            assert!(
+                check.manifold && check.oriented && check.watertight == brep.closed,
+                "{check:?}"
+            );
+            let truth = tessellate(
+                &surface,
+                &TessellationOptions {
+                    tolerance: chord,
+                    ..TessellationOptions::default()
+                },
+            )
+            .unwrap();
+            let truth = TriangleMesh::try_new(truth.positions, truth.triangles).unwrap();
+            for (from, to) in [(&mesh, &truth), (&truth, &mesh)] {
+                let search = MeshSearch::try_new(to).unwrap();
+                let off = from.positions.iter().map(|p| search.closest(*p).unwrap().distance);
+                let off = off.fold(0.0, f64::max);
+                assert!(off < 3.0 * chord, "{}: {off}", shape.name());
+            }
+        }
+    }
 }
 
 #[test]

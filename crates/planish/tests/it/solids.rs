@@ -73,6 +73,23 @@ fn the_bracket_of_the_examples_has_its_volume() {
 }
 
 #[test]
+fn the_bracket_reads_back_as_it_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bracket.step");
+    solved(bracket(), vec![path.clone()]).unwrap();
+    let faces = planish_exchange::step::read_step(&path).unwrap();
+    let read = faces.triangles(&faces.fineness(Some(0.005))).unwrap();
+    assert_eq!((read.parts.len(), read.left_out.len()), (1, 0));
+    let part = &read.parts[0];
+    let mesh = planish_mesh::TriangleMesh::try_new(part.points.clone(), part.triangles.clone()).unwrap();
+    let check = mesh.check();
+    assert!(check.watertight && check.oriented && check.manifold, "{check:?}");
+    let truth = 42_000.0 - 610.0 * PI;
+    let volume = mesh.signed_volume().unwrap();
+    assert!((volume / truth - 1.0).abs() < 1e-4, "{volume} is not {truth}");
+}
+
+#[test]
 fn crumbs_and_lines_drawn_twice_change_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);

@@ -5,6 +5,7 @@
 
 use super::Points;
 use super::chart::Chart;
+use super::polygon::{Corner, part_touching, segments_cross, shift_into_outer, signed_area};
 use crate::brep::{Face, Surface, unit};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
@@ -12,13 +13,6 @@ use std::f64::consts::TAU;
 
 /// Directions among which a pole is chosen that lies off a sphere's face.
 const DIRECTIONS: usize = 200;
-
-/// A corner: the mesh's vertex and where it is, in lengths along the parameters.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Corner {
-    pub(super) vertex: u32,
-    pub(super) at: [f64; 2],
-}
 
 /// What a face covers.
 pub(super) struct Domain {
@@ -69,20 +63,6 @@ fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> 
         at: chart.at(points.positions[*vertex as usize]),
     };
     rings.iter().map(|ring| ring.iter().map(corner).collect()).collect()
-}
-
-/// The area that polygons enclose, positive where they run counter-clockwise.
-fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
-    let of = |polygon: &Vec<Corner>| -> f64 {
-        let n = polygon.len();
-        (0..n)
-            .map(|k| {
-                let (a, b) = (polygon[k].at, polygon[(k + 1) % n].at);
-                (a[0] * b[1] - b[0] * a[1]) / 2.0
-            })
-            .sum()
-    };
-    polygons.iter().map(of).sum()
 }
 
 /// A face of a sphere, projected from the point off the face that is farthest from its loops.
@@ -234,9 +214,9 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
             )));
         }
     };
-    let shifts = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k]);
-    if shifts.contains(&true) {
-        shift_into_outer(&mut polygons, shifts);
+    let periods = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k].then_some(TAU));
+    if periods != [None; 2] {
+        shift_into_outer(&mut polygons, periods);
     }
     for corner in polygons.iter_mut().flatten() {
         corner.at = [corner.at[0] * steps[0], corner.at[1] * steps[1]];
@@ -332,71 +312,4 @@ fn unrolled(ring: &[Corner], from: usize, angle: f64) -> Vec<Corner> {
         });
     }
     found
-}
-
-fn segments_cross(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
-    let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
-    side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
-}
-
-/// Moves holes by whole turns of the parameters that have them into the largest polygon.
-fn shift_into_outer(polygons: &mut [Vec<Corner>], has_turns: [bool; 2]) {
-    let width = |p: &Vec<Corner>| {
-        let (lo, hi) = p
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[0]), hi.max(c.at[0])));
-        hi - lo
-    };
-    let Some(outer) = (0..polygons.len()).max_by(|a, b| width(&polygons[*a]).total_cmp(&width(&polygons[*b]))) else {
-        return;
-    };
-    let within = polygons[outer].clone();
-    let turns = has_turns.map(|has| if has { -2..=2 } else { 0..=0 });
-    let shifts: Vec<[f64; 2]> = turns[0]
-        .clone()
-        .flat_map(|i| turns[1].clone().map(move |j| [i, j].map(|k: i32| TAU * f64::from(k))))
-        .collect();
-    for (_, hole) in polygons.iter_mut().enumerate().filter(|(k, _)| *k != outer) {
-        let at = hole[0].at;
-        let found = shifts.iter().find(|s| contains(&within, [at[0] + s[0], at[1] + s[1]]));
-        let [across, up] = found.copied().unwrap_or_default();
-        for corner in hole.iter_mut() {
-            corner.at = [corner.at[0] + across, corner.at[1] + up];
-        }
-    }
-}
-
-fn contains(polygon: &[Corner], p: [f64; 2]) -> bool {
-    let n = polygon.len();
-    (0..n).fold(false, |inside, k| {
-        let (a, b) = (polygon[k].at, polygon[(k + 1) % n].at);
-        let above = (a[1] > p[1]) != (b[1] > p[1]);
-        inside != (above && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
-    })
-}
-
-/// Where two corners of different vertices are in one place, the second one is moved a little into its own corner, and on a straight side to the face's
-/// side, which is its left where `left` is 1 and its right where it is −1: loops that touch stay apart, and slits open.
-fn part_touching(polygons: &mut [Vec<Corner>], left: f64) {
-    let mut seen: std::collections::HashMap<[u64; 2], u32> = std::collections::HashMap::new();
-    for polygon in polygons {
-        let n = polygon.len();
-        for k in 0..n {
-            let corner = polygon[k];
-            let key = corner.at.map(|x| (x + 0.0).to_bits());
-            if *seen.entry(key).or_insert(corner.vertex) != corner.vertex {
-                let (before, behind) = (polygon[(k + n - 1) % n].at, polygon[(k + 1) % n].at);
-                let run = [behind[0] - before[0], behind[1] - before[1]];
-                let inward = [0, 1].map(|c| (before[c] + behind[c]) / 2.0 - corner.at[c]);
-                let is_straight =
-                    (run[0] * inward[1] - run[1] * inward[0]).abs() < 1e-6 * (run[0] * run[0] + run[1] * run[1]);
-                let to = if is_straight {
-                    [-left * run[1] / 2.0, left * run[0] / 2.0]
-                } else {
-                    inward
-                };
-                polygon[k].at = [0, 1].map(|c| corner.at[c] + 1e-7 * to[c]);
-            }
-        }
-    }
 }

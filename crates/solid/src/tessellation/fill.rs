@@ -1,7 +1,8 @@
 //! Triangles between the polygons of a face.
 
 use super::Points;
-use super::domain::{Corner, Domain};
+use super::domain::Domain;
+use super::polygon::Corner;
 use crate::brep::{Face, Surface};
 use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
@@ -11,6 +12,22 @@ use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation
 const MOST_POINTS: usize = 100_000;
 /// Points are added so many times at most.
 const ROUNDS: usize = 10;
+
+/// What is filled.
+pub(crate) struct Filling<'a> {
+    /// Polygons: where a point lies in an odd number of them, it is inside.
+    pub(crate) polygons: &'a [Vec<Corner>],
+    /// Points within that must be vertices.
+    pub(crate) inner: &'a [Corner],
+    /// The surface's point of a point of the plane.
+    pub(crate) on_surface: &'a dyn Fn([f64; 2]) -> [f64; 3],
+    /// Whether no triangle can miss the surface.
+    pub(crate) is_flat: bool,
+    /// How far a triangle may miss it.
+    pub(crate) tolerance: f64,
+    /// More points are refused.
+    pub(crate) most_points: usize,
+}
 
 /// A point of the triangulation.
 #[derive(Clone, Copy)]
@@ -31,35 +48,51 @@ type Triangles = ConstrainedDelaunayTriangulation<Placed>;
 
 /// The triangles of a face, oriented outwards.
 pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, tolerance: f64) -> Result<Vec<[u32; 3]>> {
-    let mut made = bounded(domain)?;
-    let on_surface = |at: [f64; 2]| domain.chart.point(at);
-    if !matches!(face.surface, Surface::Plane { .. }) {
-        for _ in 0..ROUNDS {
-            let wanted = missing(&made, points, &on_surface, tolerance);
+    let filling = Filling {
+        polygons: &domain.polygons,
+        inner: &domain.inner,
+        on_surface: &|at| domain.chart.point(at),
+        is_flat: matches!(face.surface, Surface::Plane { .. }),
+        tolerance,
+        most_points: MOST_POINTS,
+    };
+    let mut made = filling.triangles(&mut points.positions)?;
+    if face.outward == domain.chart.is_mirrored() {
+        for t in &mut made {
+            t.swap(1, 2);
+        }
+    }
+    Ok(made)
+}
+
+impl Filling<'_> {
+    /// Triangles that run counter-clockwise in the plane; points that are added come last among the positions.
+    pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
+        let mut made = bounded(self.polygons, self.inner)?;
+        for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
+            let wanted = missing(&made, positions, self.on_surface, self.tolerance);
             if wanted.is_empty() {
                 break;
             }
-            if made.num_vertices() + wanted.len() > MOST_POINTS {
+            if made.num_vertices() + wanted.len() > self.most_points {
                 return Err(Error::unsupported(format!(
-                    "needs more than {MOST_POINTS} points: needed a larger tolerance than {tolerance}"
+                    "needs more than {} points: needed a larger tolerance than {}",
+                    self.most_points, self.tolerance
                 )));
             }
             for at in wanted {
-                let vertex = points.add(on_surface(at));
+                let vertex = positions.len() as u32;
+                positions.push((self.on_surface)(at));
                 made.insert(Placed { at, vertex }).map_err(refused)?;
             }
         }
+        let inside = inside(&made);
+        Ok(made
+            .inner_faces()
+            .filter(|f| inside[f.fix().index()])
+            .map(|f| f.vertices().map(|v| v.data().vertex))
+            .collect())
     }
-    let inside = inside(&made);
-    let is_left = face.outward != domain.chart.is_mirrored();
-    Ok(made
-        .inner_faces()
-        .filter(|f| inside[f.fix().index()])
-        .map(|f| {
-            let [a, b, c] = f.vertices().map(|v| v.data().vertex);
-            if is_left { [a, b, c] } else { [a, c, b] }
-        })
-        .collect())
 }
 
 fn refused(e: spade::InsertionError) -> Error {
@@ -67,9 +100,9 @@ fn refused(e: spade::InsertionError) -> Error {
 }
 
 /// The triangulation of the polygons' corners with their sides as constraints.
-fn bounded(domain: &Domain) -> Result<Triangles> {
+fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
     let mut made = Triangles::new();
-    for polygon in &domain.polygons {
+    for polygon in polygons {
         let mut handles = Vec::with_capacity(polygon.len());
         for corner in polygon {
             let placed = Placed {
@@ -84,7 +117,7 @@ fn bounded(domain: &Domain) -> Result<Triangles> {
                 continue;
             }
             if !made.can_add_constraint(a, b) {
-                let p = domain.polygons[0].first().map_or([0.0; 2], |c| c.at);
+                let p = made.vertex(a).data().at;
                 return Err(Error::unsupported(format!(
                     "sides of its loops cross, near {p:?} of its parameters"
                 )));
@@ -92,7 +125,7 @@ fn bounded(domain: &Domain) -> Result<Triangles> {
             made.add_constraint(a, b);
         }
     }
-    for Corner { vertex, at } in domain.inner.iter().copied() {
+    for Corner { vertex, at } in inner.iter().copied() {
         made.insert(Placed { at, vertex }).map_err(refused)?;
     }
     Ok(made)
@@ -123,7 +156,7 @@ fn inside(made: &Triangles) -> Vec<bool> {
 /// Places where points are needed: the middle of inner sides that miss the surface, and of triangles that do.
 fn missing(
     made: &Triangles,
-    points: &Points,
+    positions: &[[f64; 3]],
     on_surface: &dyn Fn([f64; 2]) -> [f64; 3],
     tolerance: f64,
 ) -> Vec<[f64; 2]> {
@@ -131,13 +164,7 @@ fn missing(
     let miss = |corners: &[Placed]| {
         let n = corners.len() as f64;
         let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
-        let flat = [0, 1, 2].map(|k| {
-            corners
-                .iter()
-                .map(|c| points.positions[c.vertex as usize][k])
-                .sum::<f64>()
-                / n
-        });
+        let flat = [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
         (at, norm(sub(on_surface(at), flat)))
     };
     let mut wanted = Vec::new();

@@ -1,0 +1,370 @@
+//! Curves and surfaces of STEP files.
+//!
+//! Comes in: instances, a factor of lengths and the size of the file's unit of angles. Goes out: curves and surfaces in the wanted unit and radians.
+//!
+//! # References
+//! ISO 10303-42:2022, *Geometric and topological representation*, 4.
+
+use super::attributes::{Entity, part};
+use super::syntax::Index;
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, unit};
+use planish_estimate::{Error, Result};
+use planish_solid::brep;
+use planish_solid::parametric::{Curve, MOST_DEGREE, SplineCurve, SplineSurface, Surface};
+use std::f64::consts::FRAC_PI_2;
+
+/// Geometry that is made of other geometry, deeper than this, is refused.
+const DEEPEST: usize = 12;
+
+/// Larger coordinates are no part's, and their squares would overflow.
+const MOST: f64 = 1e100;
+
+/// Where a frame is, and its directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frame {
+    pub(super) origin: [f64; 3],
+    pub(super) x: [f64; 3],
+    pub(super) y: [f64; 3],
+    pub(super) z: [f64; 3],
+}
+
+/// Reads geometry in one unit.
+#[derive(Clone, Copy)]
+pub(super) struct Geometry<'b, 'a> {
+    pub(super) index: &'b Index<'a>,
+    /// What lengths are multiplied by.
+    pub(super) length: f64,
+    /// Radians of the unit of angles.
+    pub(super) angle: f64,
+}
+
+impl Geometry<'_, '_> {
+    pub(super) fn point(&self, id: u64) -> Result<[f64; 3]> {
+        let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
+        match entity.numbers(1)?.as_slice() {
+            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MOST) => {
+                Ok([*x, *y, *z].map(|c| c * self.length))
+            }
+            [_, _, _] => Err(entity.wrong(&format!("needed coordinates below {MOST:e}"))),
+            other => Err(entity.wrong(&format!("needed three coordinates, found {}", other.len()))),
+        }
+    }
+
+    pub(super) fn direction(&self, id: u64) -> Result<[f64; 3]> {
+        let entity = self.index.entity_of(id, "DIRECTION")?;
+        let found = match entity.numbers(1)?.as_slice() {
+            [x, y, z] => unit([*x, *y, *z]),
+            _ => None,
+        };
+        found.ok_or_else(|| entity.wrong("needed three numbers that are not all 0"))
+    }
+
+    fn direction_or(&self, id: Option<u64>, default: [f64; 3]) -> Result<[f64; 3]> {
+        id.map_or(Ok(default), |id| self.direction(id))
+    }
+
+    fn vector(&self, id: u64) -> Result<[f64; 3]> {
+        let entity = self.index.entity_of(id, "VECTOR")?;
+        let size = entity.number(2)? * self.length;
+        let found = scale(size, self.direction(entity.reference(1)?)?);
+        match norm(found) > 0.0 {
+            true => Ok(found),
+            false => Err(entity.wrong("needed a length that is not 0")),
+        }
+    }
+
+    /// `AXIS2_PLACEMENT_3D`.
+    pub(super) fn frame(&self, id: u64) -> Result<Frame> {
+        let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
+        let origin = self.point(entity.reference(1)?)?;
+        let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
+        let aside = if z[0].abs() < 0.9 {
+            [1.0, 0.0, 0.0]
+        } else {
+            [0.0, 1.0, 0.0]
+        };
+        let wanted = self.direction_or(entity.optional(3)?, aside)?;
+        let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
+            return Err(entity.wrong("needed two directions that are not parallel"));
+        };
+        let y = cross(z, x);
+        Ok(Frame { origin, x, y, z })
+    }
+
+    fn size(&self, entity: &Entity, at: usize) -> Result<f64> {
+        let size = entity.number(at)? * self.length;
+        match size > 0.0 && size < MOST {
+            true => Ok(size),
+            false => Err(entity.wrong(&format!("attribute {}: needed a length > 0, found {size}", at + 1))),
+        }
+    }
+
+    pub(super) fn curve(&self, id: u64) -> Result<Curve> {
+        self.curve_at(id, 0)
+    }
+
+    fn curve_at(&self, id: u64, depth: usize) -> Result<Curve> {
+        if depth > DEEPEST {
+            return Err(Error::input(format!("#{id}: geometry refers to itself")));
+        }
+        let parts = self.index.parts(id)?;
+        let [entity] = parts.as_slice() else {
+            return self.spline_curve(&parts);
+        };
+        let frame = || self.frame(entity.reference(1)?);
+        Ok(match entity.record.keyword {
+            "LINE" => Curve::Line {
+                origin: self.point(entity.reference(1)?)?,
+                along: self.vector(entity.reference(2)?)?,
+            },
+            "CIRCLE" => {
+                let (f, r) = (frame()?, self.size(entity, 2)?);
+                Curve::Ellipse {
+                    center: f.origin,
+                    a: scale(r, f.x),
+                    b: scale(r, f.y),
+                }
+            }
+            "ELLIPSE" => {
+                let f = frame()?;
+                Curve::Ellipse {
+                    center: f.origin,
+                    a: scale(self.size(entity, 2)?, f.x),
+                    b: scale(self.size(entity, 3)?, f.y),
+                }
+            }
+            "HYPERBOLA" => {
+                let f = frame()?;
+                Curve::Hyperbola {
+                    center: f.origin,
+                    a: scale(self.size(entity, 2)?, f.x),
+                    b: scale(self.size(entity, 3)?, f.y),
+                }
+            }
+            "PARABOLA" => {
+                let (f, focal) = (frame()?, self.size(entity, 2)?);
+                Curve::Parabola {
+                    vertex: f.origin,
+                    a: scale(focal, f.x),
+                    b: scale(focal, f.y),
+                }
+            }
+            "POLYLINE" => {
+                let points: Result<Vec<_>> = entity.references(1)?.into_iter().map(|p| self.point(p)).collect();
+                Curve::Spline(SplineCurve::polyline(&points?).map_err(|e| entity.wrong(&e.to_string()))?)
+            }
+            "TRIMMED_CURVE" | "SURFACE_CURVE" | "SEAM_CURVE" | "INTERSECTION_CURVE" | "BOUNDED_SURFACE_CURVE" => {
+                self.curve_at(entity.reference(1)?, depth + 1)?
+            }
+            "B_SPLINE_CURVE_WITH_KNOTS" | "BEZIER_CURVE" | "UNIFORM_CURVE" | "QUASI_UNIFORM_CURVE" => {
+                self.spline_curve(&parts)?
+            }
+            _ => return Err(unread(entity, "curve")),
+        })
+    }
+
+    /// A B-spline curve, given by one keyword or by several.
+    fn spline_curve(&self, parts: &[Entity]) -> Result<Curve> {
+        let Some(first) = parts.first() else {
+            return Err(Error::input("an instance without keyword"));
+        };
+        let simple = parts.len() == 1;
+        // With one keyword the name comes first.
+        let Some((base, at)) = (match simple {
+            true => Some((first, 1)),
+            false => part(parts, "B_SPLINE_CURVE").map(|base| (base, 0)),
+        }) else {
+            return Err(unread(first, "curve"));
+        };
+        let degree = base.count(at)?;
+        let poles: Result<Vec<_>> = base.references(at + 1)?.into_iter().map(|p| self.point(p)).collect();
+        let poles = poles?;
+        let knots = match part(parts, "B_SPLINE_CURVE_WITH_KNOTS") {
+            Some(own) => {
+                let at = if simple { 6 } else { 0 };
+                repeated(own, &own.counts(at)?, &own.numbers(at + 1)?, poles.len() + degree + 1)?
+            }
+            None => implied_knots(parts, "CURVE", degree, poles.len()).ok_or_else(|| first.wrong("has no knots"))?,
+        };
+        let weights = part(parts, "RATIONAL_B_SPLINE_CURVE")
+            .map(|w| w.numbers(0))
+            .transpose()?;
+        let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
+        Ok(Curve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
+    }
+
+    pub(super) fn surface(&self, id: u64) -> Result<Surface> {
+        self.surface_at(id, 0)
+    }
+
+    fn surface_at(&self, id: u64, depth: usize) -> Result<Surface> {
+        if depth > DEEPEST {
+            return Err(Error::input(format!("#{id}: geometry refers to itself")));
+        }
+        let parts = self.index.parts(id)?;
+        let [entity] = parts.as_slice() else {
+            return self.spline_surface(&parts);
+        };
+        let frame = || self.frame(entity.reference(1)?);
+        Ok(match entity.record.keyword {
+            "PLANE" => {
+                let Frame { origin, x, z, .. } = frame()?;
+                Surface::Elementary(brep::Surface::Plane { origin, normal: z, x })
+            }
+            "CYLINDRICAL_SURFACE" => {
+                let Frame { origin, x, z, .. } = frame()?;
+                let radius = self.size(entity, 2)?;
+                Surface::Elementary(brep::Surface::Cylinder {
+                    origin,
+                    axis: z,
+                    x,
+                    radius,
+                })
+            }
+            "CONICAL_SURFACE" => self.cone(entity, frame()?)?,
+            "SPHERICAL_SURFACE" => {
+                let Frame { origin, x, z, .. } = frame()?;
+                Surface::Elementary(brep::Surface::Sphere {
+                    center: origin,
+                    axis: z,
+                    x,
+                    radius: self.size(entity, 2)?,
+                })
+            }
+            "TOROIDAL_SURFACE" | "DEGENERATE_TOROIDAL_SURFACE" => {
+                let Frame { origin, x, z, .. } = frame()?;
+                Surface::Elementary(brep::Surface::Torus {
+                    center: origin,
+                    axis: z,
+                    x,
+                    major: self.size(entity, 2)?,
+                    minor: self.size(entity, 3)?,
+                })
+            }
+            "SURFACE_OF_LINEAR_EXTRUSION" => Surface::Extrusion {
+                curve: self.curve_at(entity.reference(1)?, depth + 1)?,
+                along: self.vector(entity.reference(2)?)?,
+            },
+            "SURFACE_OF_REVOLUTION" => {
+                let axis = self.index.entity_of(entity.reference(2)?, "AXIS1_PLACEMENT")?;
+                Surface::Revolution {
+                    curve: self.curve_at(entity.reference(1)?, depth + 1)?,
+                    origin: self.point(axis.reference(1)?)?,
+                    axis: self.direction_or(axis.optional(2)?, [0.0, 0.0, 1.0])?,
+                }
+            }
+            "OFFSET_SURFACE" => Surface::Offset {
+                base: Box::new(self.surface_at(entity.reference(1)?, depth + 1)?),
+                distance: entity.number(2)? * self.length,
+            },
+            "RECTANGULAR_TRIMMED_SURFACE" | "CURVE_BOUNDED_SURFACE" => {
+                self.surface_at(entity.reference(1)?, depth + 1)?
+            }
+            "B_SPLINE_SURFACE_WITH_KNOTS" | "BEZIER_SURFACE" | "UNIFORM_SURFACE" | "QUASI_UNIFORM_SURFACE" => {
+                self.spline_surface(&parts)?
+            }
+            _ => return Err(unread(entity, "surface")),
+        })
+    }
+
+    fn cone(&self, entity: &Entity, frame: Frame) -> Result<Surface> {
+        let Frame { origin, x, z, .. } = frame;
+        let radius = entity.number(2)? * self.length;
+        let half_angle_rad = entity.number(3)? * self.angle;
+        if !(radius >= 0.0 && half_angle_rad > 0.0 && half_angle_rad < FRAC_PI_2) {
+            return Err(entity.wrong(&format!(
+                "needed a radius of 0 or more and half an angle between 0 and a right angle, found {radius} and {half_angle_rad} rad"
+            )));
+        }
+        Ok(Surface::Elementary(brep::Surface::Cone {
+            origin,
+            axis: z,
+            x,
+            radius,
+            half_angle_rad,
+        }))
+    }
+
+    /// A B-spline surface, given by one keyword or by several.
+    fn spline_surface(&self, parts: &[Entity]) -> Result<Surface> {
+        let Some(first) = parts.first() else {
+            return Err(Error::input("an instance without keyword"));
+        };
+        let simple = parts.len() == 1;
+        let Some((base, at)) = (match simple {
+            true => Some((first, 1)),
+            false => part(parts, "B_SPLINE_SURFACE").map(|base| (base, 0)),
+        }) else {
+            return Err(unread(first, "surface"));
+        };
+        let degrees = [base.count(at)?, base.count(at + 1)?];
+        let (n_u, ids) = base.rows_of_references(at + 2)?;
+        let n_v = ids.len() / n_u.max(1);
+        let poles: Result<Vec<_>> = ids.into_iter().map(|p| self.point(p)).collect();
+        let knots = match part(parts, "B_SPLINE_SURFACE_WITH_KNOTS") {
+            Some(own) => {
+                let at = if simple { 8 } else { 0 };
+                [
+                    repeated(own, &own.counts(at)?, &own.numbers(at + 2)?, n_u + degrees[0] + 1)?,
+                    repeated(own, &own.counts(at + 1)?, &own.numbers(at + 3)?, n_v + degrees[1] + 1)?,
+                ]
+            }
+            None => {
+                let of = |degree: usize, n: usize| {
+                    implied_knots(parts, "SURFACE", degree, n).ok_or_else(|| first.wrong("has no knots"))
+                };
+                [of(degrees[0], n_u)?, of(degrees[1], n_v)?]
+            }
+        };
+        let weights = part(parts, "RATIONAL_B_SPLINE_SURFACE")
+            .map(|w| w.rows_of_numbers(0))
+            .transpose()?
+            .map(|(_, w)| w);
+        let made = SplineSurface::try_new(degrees, knots, &poles?, weights.as_deref());
+        Ok(Surface::Spline(Box::new(made.map_err(|e| base.wrong(&e.to_string()))?)))
+    }
+}
+
+fn unread(entity: &Entity, what: &str) -> Error {
+    Error::unsupported(format!(
+        "#{} {}: a {what} of this kind is not read",
+        entity.id, entity.record.keyword
+    ))
+}
+
+/// Knots as often as they count. No more than wanted are made, as a file can count to anything.
+fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> Result<Vec<f64>> {
+    let sum = counts.iter().fold(0_usize, |sum, n| sum.saturating_add(*n));
+    if counts.len() != knots.len() || sum != wanted {
+        return Err(entity.wrong(&format!(
+            "needed a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities that sum to {sum}",
+            knots.len(),
+            counts.len()
+        )));
+    }
+    let each = knots.iter().zip(counts);
+    Ok(each.flat_map(|(k, n)| std::iter::repeat_n(*k, *n)).collect())
+}
+
+/// Knots that a keyword says without giving them.
+fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Option<Vec<f64>> {
+    if !(1..=MOST_DEGREE).contains(&degree) || n <= degree {
+        return None;
+    }
+    let is = |what: &str| part(parts, &format!("{what}_{kind}")).is_some();
+    let clamped = |inner: &mut dyn Iterator<Item = f64>, last: f64| {
+        let ends = |x: f64| std::iter::repeat_n(x, degree + 1);
+        ends(0.0).chain(inner).chain(ends(last)).collect::<Vec<f64>>()
+    };
+    if is("UNIFORM") {
+        Some((0..n + degree + 1).map(|k| k as f64 - degree as f64).collect())
+    } else if is("QUASI_UNIFORM") {
+        Some(clamped(&mut (1..n - degree).map(|k| k as f64), (n - degree) as f64))
+    } else if is("BEZIER") {
+        let pieces = (n - 1) / degree;
+        let inner = (1..pieces).flat_map(|k| std::iter::repeat_n(k as f64, degree));
+        (pieces * degree + 1 == n).then(|| clamped(&mut inner.into_iter(), pieces as f64))
+    } else {
+        None
+    }
+}

@@ -1,0 +1,394 @@
+//! Units, representations and assemblies of STEP files.
+//!
+//! # References
+//! ISO 10303-41 (units, products), ISO 10303-43 (representations and their relationships), ISO 10303-44 (assemblies).
+
+use super::attributes::{Entity, part};
+use super::geometry::{Frame, Geometry};
+use super::syntax::Index;
+use planish_estimate::vector3::{add_scaled, cross, dot, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use std::collections::{BTreeMap, HashMap};
+
+/// Units of units of units: how deep.
+const DEEPEST: usize = 8;
+
+/// An affine motion: columns of its matrix, and what is added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion {
+    columns: [[f64; 3]; 3],
+    shift: [f64; 3],
+}
+
+impl Motion {
+    pub(super) const NONE: Self = Self {
+        columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        shift: [0.0; 3],
+    };
+
+    fn turn(&self, d: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.columns;
+        add_scaled(add_scaled(scale(d[0], x), d[1], y), d[2], z)
+    }
+
+    pub(super) fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        add_scaled(self.turn(p), 1.0, self.shift)
+    }
+
+    /// This after another.
+    pub(super) fn after(&self, first: &Self) -> Self {
+        Self {
+            columns: first.columns.map(|c| self.turn(c)),
+            shift: self.apply(first.shift),
+        }
+    }
+
+    /// Whether it turns left into right.
+    pub(super) fn is_mirror(&self) -> bool {
+        let [x, y, z] = self.columns;
+        dot(cross(x, y), z) < 0.0
+    }
+
+    /// From a frame's coordinates.
+    fn of(frame: &Frame) -> Self {
+        Self {
+            columns: [frame.x, frame.y, frame.z],
+            shift: frame.origin,
+        }
+    }
+
+    /// Into a frame's coordinates.
+    fn into(frame: &Frame) -> Self {
+        let axes = [frame.x, frame.y, frame.z];
+        let columns = [0, 1, 2].map(|c| axes.map(|a| a[c]));
+        Self {
+            columns,
+            shift: axes.map(|a| -dot(a, frame.origin)),
+        }
+    }
+}
+
+/// What a context says of numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Units {
+    /// Millimetres of the unit of lengths; none where no unit is named.
+    pub(super) length_mm: Option<f64>,
+    /// Radians of the unit of angles.
+    pub(super) angle: f64,
+    /// How far apart points may be that are one, in the unit of lengths.
+    pub(super) uncertainty: Option<f64>,
+}
+
+impl Units {
+    pub(super) const NONE: Self = Self {
+        length_mm: None,
+        angle: 1.0,
+        uncertainty: None,
+    };
+
+    /// The units of a context of representations.
+    pub(super) fn of_context(index: &Index, id: u64) -> Result<Self> {
+        let parts = index.parts(id)?;
+        let mut found = Self::NONE;
+        let given = part(&parts, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            .map(|p| p.references(0))
+            .transpose()?;
+        for unit in given.unwrap_or_default() {
+            match size_of_unit(index, unit, 0)? {
+                Some(("LENGTH_UNIT", metres)) => found.length_mm = Some(1000.0 * metres),
+                Some(("PLANE_ANGLE_UNIT", radians)) => found.angle = radians,
+                _ => {}
+            }
+        }
+        let uncertain = part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT")
+            .map(|p| p.references(0))
+            .transpose()?;
+        for id in uncertain.unwrap_or_default() {
+            let measure = index.entity(id)?;
+            let (value, unit) = (measure.number(0)?, size_of_unit(index, measure.reference(1)?, 0)?);
+            if let (Some(("LENGTH_UNIT", metres)), Some(mm)) = (unit, found.length_mm) {
+                found.uncertainty = Some(value * 1000.0 * metres / mm);
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// What a unit is of, and its size in metres or radians; none of others.
+fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static str, f64)>> {
+    if depth > DEEPEST {
+        return Err(Error::input(format!("#{id}: units refer to themselves")));
+    }
+    let parts = index.parts(id)?;
+    let kinds = ["LENGTH_UNIT", "PLANE_ANGLE_UNIT"];
+    let Some(kind) = kinds.into_iter().find(|k| part(&parts, k).is_some()) else {
+        return Ok(None);
+    };
+    if let Some(si) = part(&parts, "SI_UNIT") {
+        return Ok(Some((kind, prefix(si)?)));
+    }
+    let Some(based) = part(&parts, "CONVERSION_BASED_UNIT") else {
+        return Ok(None);
+    };
+    // The measure is of any type: a value and its unit.
+    let measure = index.parts(based.reference(1)?)?;
+    let (value, of) = match measure.as_slice() {
+        [one] => (one.number(0)?, one.reference(1)?),
+        several => {
+            let with_unit =
+                part(several, "MEASURE_WITH_UNIT").ok_or_else(|| based.wrong("needed a measure with its unit"))?;
+            (with_unit.number(0)?, with_unit.reference(1)?)
+        }
+    };
+    let base = size_of_unit(index, of, depth + 1)?.map_or(1.0, |(_, size)| size);
+    match value > 0.0 {
+        true => Ok(Some((kind, value * base))),
+        false => Err(based.wrong(&format!("needed a factor > 0, found {value}"))),
+    }
+}
+
+fn prefix(si: &Entity) -> Result<f64> {
+    use super::syntax::Value::{Name, Omitted};
+    Ok(match si.value(0) {
+        Some(Omitted) => 1.0,
+        Some(Name(b"KILO")) => 1e3,
+        Some(Name(b"HECTO")) => 1e2,
+        Some(Name(b"DECA")) => 1e1,
+        Some(Name(b"DECI")) => 1e-1,
+        Some(Name(b"CENTI")) => 1e-2,
+        Some(Name(b"MILLI")) => 1e-3,
+        Some(Name(b"MICRO")) => 1e-6,
+        Some(Name(b"NANO")) => 1e-9,
+        _ => return Err(si.wrong("needed a prefix of lengths, or $")),
+    })
+}
+
+/// A representation of shape: what is in it.
+#[derive(Debug, Clone)]
+pub(super) struct Representation {
+    pub(super) items: Vec<u64>,
+    pub(super) units: Units,
+    /// Whether its keyword says no more than that it is one of shape.
+    is_plain: bool,
+}
+
+/// A representation within another, or a copy of it.
+#[derive(Debug, Clone, Copy)]
+struct Within {
+    child: u64,
+    parent: u64,
+    /// Frames of the child and of the parent, or the operator of a copy.
+    frames: [u64; 2],
+}
+
+/// Representations, and where each stands.
+pub(super) struct Products {
+    pub(super) representations: BTreeMap<u64, Representation>,
+    within: Vec<Within>,
+    /// Representations in one frame: to the first of them.
+    same: HashMap<u64, u64>,
+}
+
+impl Products {
+    pub(super) fn of(index: &Index) -> Result<Self> {
+        let mut found = Self {
+            representations: BTreeMap::new(),
+            within: Vec::new(),
+            same: HashMap::new(),
+        };
+        let mut contexts: HashMap<u64, Units> = HashMap::new();
+        let mut add = |found: &mut Self, id: u64, items: Vec<u64>, context: u64| -> Result<()> {
+            let units = match contexts.get(&context) {
+                Some(units) => *units,
+                None => Units::of_context(index, context)?,
+            };
+            contexts.insert(context, units);
+            let is_plain = index.of_keyword("SHAPE_REPRESENTATION").contains(&id);
+            found
+                .representations
+                .insert(id, Representation { items, units, is_plain });
+            Ok(())
+        };
+        let is_shape = |keyword: &str| {
+            keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
+        };
+        for (_, ids) in index.keywords().filter(|(keyword, _)| is_shape(keyword)) {
+            for id in ids {
+                let entity = index.entity(*id)?;
+                add(&mut found, *id, entity.references(1)?, entity.reference(2)?)?;
+            }
+        }
+        for id in index.complex() {
+            let parts = index.parts(*id)?;
+            // Pictures of a part hold it once more.
+            let is_drawing = part(&parts, "DRAUGHTING_MODEL").is_some();
+            if !is_drawing
+                && parts.iter().any(|p| is_shape(p.record.keyword))
+                && let Some(base) = part(&parts, "REPRESENTATION")
+            {
+                add(&mut found, *id, base.references(1)?, base.reference(2)?)?;
+            }
+            if let (Some(moved), Some(pair)) = (
+                part(&parts, "REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION"),
+                part(&parts, "REPRESENTATION_RELATIONSHIP"),
+            ) {
+                let operator = index.entity(moved.reference(0)?)?;
+                if operator.record.keyword == "ITEM_DEFINED_TRANSFORMATION" {
+                    found.within.push(Within {
+                        child: pair.reference(2)?,
+                        parent: pair.reference(3)?,
+                        frames: [operator.reference(2)?, operator.reference(3)?],
+                    });
+                }
+            }
+        }
+        for id in index.of_keyword("SHAPE_REPRESENTATION_RELATIONSHIP") {
+            let entity = index.entity(*id)?;
+            let [a, b] = [entity.reference(2)?, entity.reference(3)?].map(|r| found.first_of(r));
+            if a != b {
+                found.same.insert(a.max(b), a.min(b));
+            }
+        }
+        let maps: Vec<(u64, u64)> = found
+            .representations
+            .iter()
+            .flat_map(|(id, r)| r.items.iter().map(|item| (*id, *item)))
+            .collect();
+        for (parent, item) in maps {
+            if let Ok([mapped]) = <[Entity; 1]>::try_from(index.parts(item)?)
+                && mapped.record.keyword == "MAPPED_ITEM"
+            {
+                let map = index.entity_of(mapped.reference(1)?, "REPRESENTATION_MAP")?;
+                found.within.push(Within {
+                    child: map.reference(1)?,
+                    parent,
+                    frames: [map.reference(0)?, mapped.reference(2)?],
+                });
+            }
+        }
+        Ok(found)
+    }
+
+    /// Representations, plain ones last: these may repeat what others hold, as parts to which a note is attached.
+    pub(super) fn most_special_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
+        let of = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
+        of(false).chain(of(true))
+    }
+
+    /// The first of the representations in one frame with another.
+    fn first_of(&self, mut id: u64) -> u64 {
+        while let Some(next) = self.same.get(&id) {
+            id = *next;
+        }
+        id
+    }
+
+    /// Every place at which a representation stands, by representation.
+    ///
+    /// # Errors
+    /// `Input` where an assembly holds itself, or has more than `most` parts.
+    pub(super) fn places(
+        &self,
+        index: &Index,
+        length: &dyn Fn(&Units) -> f64,
+        most: usize,
+    ) -> Result<BTreeMap<u64, Vec<Motion>>> {
+        let mut children: HashMap<u64, Vec<(u64, Motion)>> = HashMap::new();
+        let mut is_child: HashMap<u64, bool> = HashMap::new();
+        for within in &self.within {
+            let (child, parent) = (self.first_of(within.child), self.first_of(within.parent));
+            let motion = self.motion(index, within, length)?;
+            children.entry(parent).or_default().push((child, motion));
+            is_child.insert(child, true);
+        }
+        let mut places: HashMap<u64, Vec<Motion>> = HashMap::new();
+        let mut firsts: Vec<u64> = self.representations.keys().map(|id| self.first_of(*id)).collect();
+        firsts.sort_unstable();
+        firsts.dedup();
+        let mut total = 0;
+        for root in firsts.iter().filter(|id| !is_child.contains_key(id)) {
+            let mut open = vec![(*root, Motion::NONE, 0)];
+            while let Some((id, motion, depth)) = open.pop() {
+                total += 1;
+                if depth > self.representations.len() {
+                    return Err(Error::input(format!("#{id}: an assembly holds itself")));
+                }
+                if total > most {
+                    return Err(Error::unsupported(format!("an assembly of more than {most} parts")));
+                }
+                places.entry(id).or_default().push(motion);
+                for (child, within) in children.get(&id).into_iter().flatten() {
+                    open.push((*child, motion.after(within), depth + 1));
+                }
+            }
+        }
+        if places.is_empty() && !self.representations.is_empty() {
+            return Err(Error::input("an assembly holds itself"));
+        }
+        let of = |id: &u64| places.get(&self.first_of(*id)).cloned().unwrap_or_default();
+        Ok(self.representations.keys().map(|id| (*id, of(id))).collect())
+    }
+
+    /// From a child's coordinates to its parent's.
+    fn motion(&self, index: &Index, within: &Within, length: &dyn Fn(&Units) -> f64) -> Result<Motion> {
+        let geometry = |id: u64| {
+            let units = self.representations.get(&id).map_or(Units::NONE, |r| r.units);
+            Geometry {
+                index,
+                length: length(&units),
+                angle: units.angle,
+            }
+        };
+        let [mut from, mut to] = within.frames;
+        // Some programs give the frames the other way round: each is among the items of its own representation.
+        let holds = |id: u64, item: u64| self.representations.get(&id).is_some_and(|r| r.items.contains(&item));
+        if holds(within.parent, from) && holds(within.child, to) && !holds(within.child, from) {
+            std::mem::swap(&mut from, &mut to);
+        }
+        let into = Motion::into(&geometry(within.child).frame(from)?);
+        let target = index.entity(to)?;
+        let out = match target.record.keyword {
+            "CARTESIAN_TRANSFORMATION_OPERATOR_3D" => operator(&geometry(within.parent), &target)?,
+            _ => Motion::of(&geometry(within.parent).frame(to)?),
+        };
+        Ok(out.after(&into))
+    }
+}
+
+/// `CARTESIAN_TRANSFORMATION_OPERATOR_3D(name, description, name, axis1, axis2, origin, scale, axis3)`.
+fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
+    // The two names of its supertypes are one attribute or two, as the schema has it.
+    let first = (0..entity.record.values.len())
+        .find(|k| entity.optional(*k).is_ok_and(|v| v.is_some()))
+        .unwrap_or(0);
+    let at_origin = (first..entity.record.values.len()).find(|k| {
+        let id = entity.optional(*k).ok().flatten();
+        id.is_some_and(|id| geometry.point(id).is_ok())
+    });
+    let Some(at) = at_origin.filter(|at| *at >= 2) else {
+        return Err(entity.wrong("needed a point as its origin"));
+    };
+    let axis = |k: usize| -> Result<Option<[f64; 3]>> {
+        match entity.optional(k)? {
+            Some(id) => Ok(Some(geometry.direction(id)?)),
+            None => Ok(None),
+        }
+    };
+    let z = axis(at + 2)?.unwrap_or([0.0, 0.0, 1.0]);
+    let wanted = axis(at - 2)?.unwrap_or([1.0, 0.0, 0.0]);
+    let x = unit(add_scaled(wanted, -dot(wanted, z), z))
+        .ok_or_else(|| entity.wrong("needed directions that are not parallel"))?;
+    let mut y = cross(z, x);
+    if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
+        y = scale(-1.0, y);
+    }
+    let size = match entity.value(at + 1) {
+        Some(super::syntax::Value::Number(s)) => *s,
+        _ => 1.0,
+    };
+    let origin_id = entity.reference(at)?;
+    Ok(Motion {
+        columns: [x, y, z].map(|c| scale(size, c)),
+        shift: sub(geometry.point(origin_id)?, [0.0; 3]),
+    })
+}

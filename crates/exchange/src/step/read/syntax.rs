@@ -1,0 +1,457 @@
+//! The text of STEP files: where each instance is, and what it says.
+//!
+//! Comes in: a file's bytes. Goes out: an index of instances, parsed when they are asked for, so that memory follows what is used.
+//! Not guaranteed: the exchange structure's later editions (anchors, references and signatures are passed over).
+//!
+//! # References
+//! ISO 10303-21:2016, *Clear text encoding of the exchange structure*, 5 and 10.
+
+use planish_estimate::{Error, Result};
+use std::collections::HashMap;
+use std::fmt;
+
+/// Lists within lists beyond this are refused.
+const DEEPEST: usize = 24;
+
+/// A parameter of an instance.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Value<'a> {
+    Reference(u64),
+    Number(f64),
+    Text(&'a [u8]),
+    /// `.NAME.`
+    Name(&'a [u8]),
+    List(Vec<Value<'a>>),
+    /// `NAME(…)`
+    Typed(&'a [u8], Vec<Value<'a>>),
+    /// `$`
+    Omitted,
+    /// `*`
+    Derived,
+}
+
+impl fmt::Display for Value<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reference(id) => write!(f, "#{id}"),
+            Self::Number(x) => write!(f, "{x}"),
+            Self::Text(text) => write!(f, "'{}'", String::from_utf8_lossy(text)),
+            Self::Name(name) => write!(f, ".{}.", String::from_utf8_lossy(name)),
+            Self::List(values) => write!(f, "a list of {}", values.len()),
+            Self::Typed(name, _) => write!(f, "{}(…)", String::from_utf8_lossy(name)),
+            Self::Omitted => f.write_str("$"),
+            Self::Derived => f.write_str("*"),
+        }
+    }
+}
+
+/// A keyword and its parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Record<'a> {
+    pub(super) keyword: &'a str,
+    pub(super) values: Vec<Value<'a>>,
+}
+
+/// Where an instance stands.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    start: usize,
+    end: usize,
+    line: usize,
+}
+
+/// The instances of a file.
+pub(super) struct Index<'a> {
+    bytes: &'a [u8],
+    places: HashMap<u64, Place>,
+    /// Instances of one keyword, in the order of the file; those of several under none.
+    by_keyword: HashMap<&'a str, Vec<u64>>,
+}
+
+fn is_space(byte: u8) -> bool {
+    byte.is_ascii_whitespace()
+}
+
+/// Goes through bytes, past comments.
+struct Cursor<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Cursor<'a> {
+    /// Past blanks and comments.
+    fn skip(&mut self) {
+        loop {
+            match self.bytes.get(self.at) {
+                Some(b) if is_space(*b) => self.at += 1,
+                Some(b'/') if self.bytes.get(self.at + 1) == Some(&b'*') => self.at = comment_end(self.bytes, self.at),
+                _ => return,
+            }
+        }
+    }
+
+    fn peek(&mut self) -> Option<u8> {
+        self.skip();
+        self.bytes.get(self.at).copied()
+    }
+
+    fn take(&mut self, byte: u8) -> bool {
+        let is_next = self.peek() == Some(byte);
+        self.at += usize::from(is_next);
+        is_next
+    }
+
+    fn expect(&mut self, byte: u8) -> Result<()> {
+        match self.take(byte) {
+            true => Ok(()),
+            false => Err(self.found(&format!("`{}`", char::from(byte)))),
+        }
+    }
+
+    fn found(&self, needed: &str) -> Error {
+        Error::input(match self.bytes.get(self.at) {
+            Some(b) => format!("needed {needed}, found `{}`", char::from(*b).escape_default()),
+            None => format!("needed {needed}, found the end"),
+        })
+    }
+
+    fn while_is(&mut self, is: impl Fn(u8) -> bool) -> &'a [u8] {
+        let from = self.at;
+        while self.bytes.get(self.at).is_some_and(|b| is(*b)) {
+            self.at += 1;
+        }
+        &self.bytes[from..self.at]
+    }
+
+    fn keyword(&mut self) -> Result<&'a str> {
+        self.skip();
+        let word = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'!');
+        match std::str::from_utf8(word) {
+            Ok(word) if !word.is_empty() => Ok(word),
+            _ => Err(self.found("a keyword")),
+        }
+    }
+
+    fn list(&mut self, depth: usize) -> Result<Vec<Value<'a>>> {
+        if depth > DEEPEST {
+            return Err(Error::input(format!("lists are nested more than {DEEPEST} deep")));
+        }
+        self.expect(b'(')?;
+        let mut values = Vec::new();
+        if self.take(b')') {
+            return Ok(values);
+        }
+        loop {
+            values.push(self.value(depth)?);
+            if self.take(b')') {
+                return Ok(values);
+            }
+            self.expect(b',')?;
+        }
+    }
+
+    fn value(&mut self, depth: usize) -> Result<Value<'a>> {
+        match self.peek() {
+            Some(b'#') => {
+                self.at += 1;
+                Ok(Value::Reference(self.number_of_instance()?))
+            }
+            Some(b'$') => {
+                self.at += 1;
+                Ok(Value::Omitted)
+            }
+            Some(b'*') => {
+                self.at += 1;
+                Ok(Value::Derived)
+            }
+            Some(b'(') => Ok(Value::List(self.list(depth + 1)?)),
+            Some(quote @ (b'\'' | b'"')) => {
+                let end = text_end(self.bytes, self.at, quote).ok_or_else(|| Error::input("a string does not end"))?;
+                let text = &self.bytes[self.at + 1..end - 1];
+                self.at = end;
+                Ok(Value::Text(text))
+            }
+            Some(b'.') => {
+                self.at += 1;
+                let name = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_');
+                self.expect(b'.')?;
+                Ok(Value::Name(name))
+            }
+            Some(b'+' | b'-' | b'0'..=b'9') => {
+                let text = self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
+                let number = std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok());
+                match number {
+                    Some(x) if x.is_finite() => Ok(Value::Number(x)),
+                    _ => Err(Error::input(format!(
+                        "needed a finite number, found `{}`",
+                        String::from_utf8_lossy(text)
+                    ))),
+                }
+            }
+            Some(b) if b.is_ascii_alphabetic() || b == b'!' => {
+                let keyword = self.keyword()?;
+                Ok(Value::Typed(keyword.as_bytes(), self.list(depth + 1)?))
+            }
+            _ => Err(self.found("a value")),
+        }
+    }
+
+    fn number_of_instance(&mut self) -> Result<u64> {
+        let digits = self.while_is(|b| b.is_ascii_digit());
+        std::str::from_utf8(digits)
+            .ok()
+            .and_then(|d| d.parse().ok())
+            .ok_or_else(|| self.found("the number of an instance"))
+    }
+}
+
+/// Behind a comment that begins at a place; the end of the file where it is not closed.
+fn comment_end(bytes: &[u8], from: usize) -> usize {
+    let rest = bytes.get(from + 2..).unwrap_or_default();
+    match rest.windows(2).position(|w| w == b"*/") {
+        Some(k) => from + 2 + k + 2,
+        None => bytes.len(),
+    }
+}
+
+/// Behind a string that begins at a place; none where it does not end. A quote within it is written twice.
+fn text_end(bytes: &[u8], from: usize, quote: u8) -> Option<usize> {
+    let mut at = from + 1;
+    loop {
+        at += bytes.get(at..)?.iter().position(|b| *b == quote)? + 1;
+        if bytes.get(at) != Some(&quote) {
+            return Some(at);
+        }
+        at += 1;
+    }
+}
+
+impl<'a> Index<'a> {
+    /// Finds the instances of all data sections.
+    ///
+    /// # Errors
+    /// `Input` for what is no STEP file, one that ends too early, a number given twice, and a statement that is none; with its line.
+    pub(super) fn of(bytes: &'a [u8]) -> Result<Self> {
+        let mut index = Self {
+            bytes,
+            places: HashMap::new(),
+            by_keyword: HashMap::new(),
+        };
+        let mut start = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
+        let mut line = 1;
+        let mut is_data = false;
+        let mut sections = 0;
+        let mut is_first = true;
+        while let Some(end) = statement_end(bytes, start) {
+            let mut cursor = Cursor { bytes, at: start };
+            cursor.skip();
+            let (from, at_line) = (cursor.at, line + count_lines(&bytes[start..cursor.at]));
+            let named = |e: Error| e.in_context(format!("line {at_line}"));
+            line += count_lines(&bytes[start..end]);
+            start = end;
+            if bytes[from] == b'#' {
+                if !is_data {
+                    return Err(named(Error::input("an instance outside of a DATA section")));
+                }
+                index.add(from, end, at_line).map_err(named)?;
+                continue;
+            }
+            let text = &bytes[from..end];
+            if std::mem::take(&mut is_first) && !text.starts_with(b"ISO-10303-21") {
+                break;
+            }
+            match text {
+                t if t.starts_with(b"DATA") => {
+                    is_data = true;
+                    sections += 1;
+                }
+                t if t.starts_with(b"ENDSEC") => is_data = false,
+                t if t.starts_with(b"END-ISO-10303-21") => return index.whole(sections),
+                _ if is_data => return Err(named(Error::input("needed an instance `#n = …;` or `ENDSEC;`"))),
+                _ => {}
+            }
+        }
+        Err(
+            match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21") {
+                true => Error::input("it is no STEP file: needed `ISO-10303-21;` at its beginning"),
+                false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
+            },
+        )
+    }
+
+    fn whole(self, sections: usize) -> Result<Self> {
+        match sections {
+            0 => Err(Error::input("it has no DATA section")),
+            _ => Ok(self),
+        }
+    }
+
+    fn add(&mut self, start: usize, end: usize, line: usize) -> Result<()> {
+        let mut cursor = Cursor {
+            bytes: self.bytes,
+            at: start + 1,
+        };
+        let id = cursor.number_of_instance()?;
+        cursor.expect(b'=').map_err(|e| e.in_context(format!("#{id}")))?;
+        cursor.skip();
+        let place = Place {
+            start: cursor.at,
+            end,
+            line,
+        };
+        let keyword = match cursor.peek() {
+            Some(b'(') => "",
+            _ => cursor.keyword().map_err(|e| e.in_context(format!("#{id}")))?,
+        };
+        if self.places.insert(id, place).is_some() {
+            return Err(Error::input(format!("#{id} is given twice")));
+        }
+        self.by_keyword.entry(keyword).or_default().push(id);
+        Ok(())
+    }
+
+    /// Instances of one keyword, in the order of the file.
+    pub(super) fn of_keyword(&self, keyword: &str) -> &[u64] {
+        self.by_keyword.get(keyword).map_or(&[], Vec::as_slice)
+    }
+
+    /// Instances of several keywords.
+    pub(super) fn complex(&self) -> &[u64] {
+        self.of_keyword("")
+    }
+
+    /// Keywords that the file uses, with how often.
+    pub(super) fn keywords(&self) -> impl Iterator<Item = (&'a str, &[u64])> {
+        self.by_keyword.iter().map(|(k, ids)| (*k, ids.as_slice()))
+    }
+
+    /// The records of an instance: one, or several of a complex one.
+    ///
+    /// # Errors
+    /// `Input` where there is none of that number, or its text is not well formed; with number and line.
+    pub(super) fn records(&self, id: u64) -> Result<Vec<Record<'a>>> {
+        let Some(place) = self.places.get(&id) else {
+            return Err(Error::input(format!("there is no #{id}")));
+        };
+        let mut cursor = Cursor {
+            bytes: &self.bytes[..place.end],
+            at: place.start,
+        };
+        let read = |cursor: &mut Cursor<'a>| -> Result<Vec<Record<'a>>> {
+            let mut records = Vec::new();
+            if cursor.peek() != Some(b'(') {
+                let keyword = cursor.keyword()?;
+                let values = cursor.list(0)?;
+                records.push(Record { keyword, values });
+            } else {
+                cursor.expect(b'(')?;
+                while !cursor.take(b')') {
+                    let keyword = cursor.keyword()?;
+                    let values = cursor.list(0)?;
+                    records.push(Record { keyword, values });
+                }
+            }
+            cursor.expect(b';')?;
+            Ok(records)
+        };
+        read(&mut cursor).map_err(|e| e.in_context(format!("#{id} in line {}", place.line)))
+    }
+
+    /// The line of an instance, for messages.
+    pub(super) fn line(&self, id: u64) -> usize {
+        self.places.get(&id).map_or(0, |p| p.line)
+    }
+}
+
+fn count_lines(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|b| **b == b'\n').count()
+}
+
+/// Behind the semicolon of the statement that begins at a place; none at the end.
+fn statement_end(bytes: &[u8], from: usize) -> Option<usize> {
+    let mut at = from;
+    while let Some(byte) = bytes.get(at) {
+        at = match byte {
+            b';' => return Some(at + 1),
+            b'\'' | b'"' => text_end(bytes, at, *byte)?,
+            b'/' if bytes.get(at + 1) == Some(&b'*') => comment_end(bytes, at),
+            _ => at + 1,
+        };
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "ISO-10303-21;\nHEADER;\nFILE_NAME('it''s; here');ENDSEC;\nDATA;\n\
+        #1 = POINT ( 'a;''b' , (1., -2.5E-1, 3) , $ , * , .T. ) ; /* #9=X(); */\n\
+        #20=(A_B(#1)C()D(LENGTH(2.),(),((1),(2))));\nENDSEC;\nEND-ISO-10303-21;\n";
+
+    #[test]
+    fn values_of_every_kind_are_read() {
+        let index = Index::of(FILE.as_bytes()).unwrap();
+        let one = &index.records(1).unwrap()[0];
+        assert_eq!(one.keyword, "POINT");
+        use Value::{Derived, List, Name, Number, Omitted, Reference, Text, Typed};
+        let expected = vec![
+            Text(b"a;''b"),
+            List(vec![Number(1.0), Number(-0.25), Number(3.0)]),
+            Omitted,
+            Derived,
+            Name(b"T"),
+        ];
+        assert_eq!(one.values, expected);
+        let parts = index.records(20).unwrap();
+        let words: Vec<&str> = parts.iter().map(|r| r.keyword).collect();
+        assert_eq!(words, ["A_B", "C", "D"]);
+        assert_eq!(parts[0].values, [Reference(1)]);
+        assert_eq!(parts[2].values[0], Typed(b"LENGTH", vec![Number(2.0)]));
+        assert_eq!((index.of_keyword("POINT"), index.complex()), (&[1][..], &[20][..]));
+        assert_eq!(index.line(20), 6);
+    }
+
+    #[test]
+    fn damage_is_named_with_line_and_instance() {
+        let broken = |from: &str, to: &str| {
+            let text = FILE.replace(from, to);
+            let index = Index::of(text.as_bytes());
+            match index {
+                Ok(index) => index.records(1).and(index.records(20)).unwrap_err().to_string(),
+                Err(e) => e.to_string(),
+            }
+        };
+        for (from, to, said) in [
+            ("ISO-10303-21;\n", "solid\n", "no STEP file"),
+            ("END-ISO-10303-21;", "", "ends before"),
+            ("ENDSEC;\nEND", "END", "no DATA"),
+            ("#20=", "#1=", "line 6: #1 is given twice"),
+            ("#20=", "#20", "line 6: #20: needed `=`"),
+            ("#20=", "HELLO;#20=", "line 6: needed an instance"),
+            ("3)", "3", "#1 in line 5: needed"),
+            ("-2.5E-1", "-2.5E-1E", "needed a finite number, found `-2.5E-1E`"),
+            ("-2.5E-1", "1E999", "needed a finite number"),
+            ("DATA;\n", "", "outside of a DATA section"),
+            (
+                "(1),(2)",
+                &format!("{}1{}", "(".repeat(40), ")".repeat(40)),
+                "nested more than",
+            ),
+        ] {
+            let e = match from {
+                "ENDSEC;\nEND" => Index::of(FILE.replace("DATA;", "HEADER;").as_bytes())
+                    .err()
+                    .map_or(String::new(), |e| e.to_string()),
+                _ => broken(from, to),
+            };
+            match from {
+                "ENDSEC;\nEND" => assert!(e.contains("outside of a DATA"), "{e}"),
+                _ => assert!(e.contains(said), "{from}: {e}"),
+            }
+        }
+        assert!(Index::of(b"").is_err() && Index::of(b"ISO-10303-21;").is_err());
+        let index = Index::of(FILE.as_bytes()).unwrap();
+        assert_eq!(index.records(7).unwrap_err().to_string(), "there is no #7");
+    }
+}

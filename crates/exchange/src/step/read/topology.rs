@@ -1,0 +1,266 @@
+//! Faces of STEP files, and the shells that they are in.
+//!
+//! Comes in: items of a representation. Goes out: shapes, in which what the file shares is shared. A face that cannot be read is left out and named.
+
+use super::geometry::Geometry;
+use super::syntax::Index;
+use planish_estimate::vector3::sub;
+use planish_estimate::{Error, Result};
+use planish_solid::parametric::{Curve, Edge, Face, Shape, Surface};
+use std::collections::HashMap;
+
+/// A shape, and what of it could not be read.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Read {
+    pub(super) shape: Shape,
+    /// Faces by name, each with the reason.
+    pub(super) left_out: Vec<(String, String)>,
+}
+
+/// Puts faces into a shape.
+pub(super) struct Builder<'b, 'a> {
+    geometry: Geometry<'b, 'a>,
+    read: Read,
+    vertex_of: HashMap<u64, usize>,
+    edge_of: HashMap<u64, usize>,
+    /// Straight sides of loops of points, by vertices.
+    side_of: HashMap<[usize; 2], usize>,
+    surface_of: HashMap<u64, Surface>,
+}
+
+/// Faces in shells that are in shells: how deep.
+const DEEPEST: usize = 8;
+
+impl<'b, 'a> Builder<'b, 'a> {
+    pub(super) fn new(geometry: Geometry<'b, 'a>) -> Self {
+        Self {
+            geometry,
+            read: Read::default(),
+            vertex_of: HashMap::new(),
+            edge_of: HashMap::new(),
+            side_of: HashMap::new(),
+            surface_of: HashMap::new(),
+        }
+    }
+
+    pub(super) fn finish(self) -> Read {
+        self.read
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.read.shape.faces.is_empty() && self.read.left_out.is_empty()
+    }
+
+    fn index(&self) -> &'b Index<'a> {
+        self.geometry.index
+    }
+
+    /// Adds what an item holds: a body, shells, faces or a bare surface. False where it is of another kind.
+    ///
+    /// # Errors
+    /// `Input` where bodies and shells are not as they must be. Faces that are not are left out.
+    pub(super) fn add_item(&mut self, id: u64) -> Result<bool> {
+        self.add(id, true, 0)
+    }
+
+    fn add(&mut self, id: u64, forward: bool, depth: usize) -> Result<bool> {
+        if depth > DEEPEST {
+            return Err(Error::input(format!("#{id}: shells refer to themselves")));
+        }
+        let records = self.index().records(id)?;
+        let [record] = records.as_slice() else {
+            let is_surface = records.iter().any(|r| r.keyword == "B_SPLINE_SURFACE");
+            if is_surface {
+                self.add_bare(id);
+            }
+            return Ok(is_surface);
+        };
+        let entity = self.index().entity(id)?;
+        match record.keyword {
+            "MANIFOLD_SOLID_BREP" | "FACETED_BREP" => self.add(entity.reference(1)?, forward, depth + 1),
+            "BREP_WITH_VOIDS" => {
+                self.add(entity.reference(1)?, forward, depth + 1)?;
+                self.add_all(&entity.references(2)?, forward, depth)
+            }
+            "ORIENTED_CLOSED_SHELL" | "ORIENTED_OPEN_SHELL" => {
+                let same = entity.truth(3)?;
+                self.add(entity.reference(2)?, forward == same, depth + 1)
+            }
+            "CLOSED_SHELL" | "OPEN_SHELL" | "CONNECTED_FACE_SET" => {
+                for face in entity.references(1)? {
+                    self.add_face(face, forward);
+                }
+                Ok(true)
+            }
+            "SHELL_BASED_SURFACE_MODEL" | "FACE_BASED_SURFACE_MODEL" | "GEOMETRIC_SET" => {
+                self.add_all(&entity.references(1)?, forward, depth)
+            }
+            "ADVANCED_FACE" | "FACE_SURFACE" | "ORIENTED_FACE" => {
+                self.add_face(id, forward);
+                Ok(true)
+            }
+            keyword if keyword.ends_with("_SURFACE") || keyword.starts_with("B_SPLINE_SURFACE") => {
+                self.add_bare(id);
+                Ok(true)
+            }
+            _ => Ok(false),
+        }
+    }
+
+    fn add_all(&mut self, ids: &[u64], forward: bool, depth: usize) -> Result<bool> {
+        let mut is_any = false;
+        for id in ids {
+            is_any |= self.add(*id, forward, depth + 1)?;
+        }
+        Ok(is_any)
+    }
+
+    /// A surface that no face bounds: all of it.
+    fn add_bare(&mut self, id: u64) {
+        let name = format!("#{id}");
+        match self.geometry.surface(id) {
+            Ok(surface) => self.read.shape.faces.push(Face {
+                name,
+                surface,
+                is_outward: true,
+                loops: Vec::new(),
+            }),
+            Err(e) => self.read.left_out.push((name, e.to_string())),
+        }
+    }
+
+    fn add_face(&mut self, id: u64, forward: bool) {
+        match self.face(id, forward, 0) {
+            Ok(face) => self.read.shape.faces.push(face),
+            Err(e) => self.read.left_out.push((format!("#{id}"), e.to_string())),
+        }
+    }
+
+    fn face(&mut self, id: u64, forward: bool, depth: usize) -> Result<Face> {
+        let entity = self.index().entity(id)?;
+        if entity.record.keyword == "ORIENTED_FACE" && depth < DEEPEST {
+            let same = entity.truth(4)?;
+            return self.face(entity.reference(3)?, forward == same, depth + 1);
+        }
+        if !matches!(entity.record.keyword, "ADVANCED_FACE" | "FACE_SURFACE") {
+            return Err(entity.wrong("needed ADVANCED_FACE or FACE_SURFACE"));
+        }
+        let surface_id = entity.reference(2)?;
+        let surface = match self.surface_of.get(&surface_id) {
+            Some(surface) => surface.clone(),
+            None => {
+                let surface = self.geometry.surface(surface_id)?;
+                self.surface_of.insert(surface_id, surface.clone());
+                surface
+            }
+        };
+        let same_sense = entity.truth(3)?;
+        let mut loops = Vec::new();
+        for bound in entity.references(1)? {
+            let bound = self.index().entity(bound)?;
+            if !matches!(bound.record.keyword, "FACE_BOUND" | "FACE_OUTER_BOUND") {
+                return Err(bound.wrong("needed FACE_BOUND or FACE_OUTER_BOUND"));
+            }
+            let is_as_written = bound.truth(2)?;
+            let mut ring = self.ring(bound.reference(1)?)?;
+            // Loops run as the face's own normal has them; a face that is turned over has them turned, too.
+            if is_as_written != forward {
+                ring.reverse();
+                for (_, forward) in &mut ring {
+                    *forward = !*forward;
+                }
+            }
+            if !ring.is_empty() {
+                loops.push(ring);
+            }
+        }
+        Ok(Face {
+            name: format!("#{id}"),
+            surface,
+            is_outward: same_sense == forward,
+            loops,
+        })
+    }
+
+    /// The edges of a loop; none of one that is a vertex.
+    fn ring(&mut self, id: u64) -> Result<Vec<(usize, bool)>> {
+        let entity = self.index().entity(id)?;
+        match entity.record.keyword {
+            "EDGE_LOOP" => {
+                let mut ring = Vec::new();
+                for oriented in entity.references(1)? {
+                    let oriented = self.index().entity_of(oriented, "ORIENTED_EDGE")?;
+                    ring.push((self.edge(oriented.reference(3)?)?, oriented.truth(4)?));
+                }
+                Ok(ring)
+            }
+            "VERTEX_LOOP" => Ok(Vec::new()),
+            "POLY_LOOP" => {
+                let points = entity.references(1)?;
+                let vertices: Result<Vec<usize>> = points.into_iter().map(|p| self.corner(p)).collect();
+                let vertices = vertices?;
+                let n = vertices.len();
+                Ok((0..n)
+                    .map(|k| self.side([vertices[k], vertices[(k + 1) % n]]))
+                    .collect())
+            }
+            _ => Err(entity.wrong("needed EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
+        }
+    }
+
+    fn edge(&mut self, id: u64) -> Result<usize> {
+        if let Some(edge) = self.edge_of.get(&id) {
+            return Ok(*edge);
+        }
+        let entity = self.index().entity_of(id, "EDGE_CURVE")?;
+        let ends = [self.vertex(entity.reference(1)?)?, self.vertex(entity.reference(2)?)?];
+        self.read.shape.edges.push(Edge {
+            curve: self.geometry.curve(entity.reference(3)?)?,
+            ends,
+            is_forward: entity.truth(4)?,
+        });
+        let edge = self.read.shape.edges.len() - 1;
+        self.edge_of.insert(id, edge);
+        Ok(edge)
+    }
+
+    fn vertex(&mut self, id: u64) -> Result<usize> {
+        if let Some(vertex) = self.vertex_of.get(&id) {
+            return Ok(*vertex);
+        }
+        let entity = self.index().entity_of(id, "VERTEX_POINT")?;
+        let vertex = self.corner(entity.reference(1)?)?;
+        self.vertex_of.insert(id, vertex);
+        Ok(vertex)
+    }
+
+    /// The vertex of a point: points and vertices are numbered together, as instances are.
+    fn corner(&mut self, point: u64) -> Result<usize> {
+        if let Some(vertex) = self.vertex_of.get(&point) {
+            return Ok(*vertex);
+        }
+        self.read.shape.vertices.push(self.geometry.point(point)?);
+        let vertex = self.read.shape.vertices.len() - 1;
+        self.vertex_of.insert(point, vertex);
+        Ok(vertex)
+    }
+
+    /// The straight edge between two vertices, and whether it runs from the first.
+    fn side(&mut self, [a, b]: [usize; 2]) -> (usize, bool) {
+        let ends = [a.min(b), a.max(b)];
+        let shape = &mut self.read.shape;
+        let edge = *self.side_of.entry(ends).or_insert_with(|| {
+            let [from, to] = ends.map(|v| shape.vertices[v]);
+            shape.edges.push(Edge {
+                curve: Curve::Line {
+                    origin: from,
+                    along: sub(to, from),
+                },
+                ends,
+                is_forward: true,
+            });
+            shape.edges.len() - 1
+        });
+        (edge, a <= b)
+    }
+}

@@ -1,0 +1,349 @@
+//! Curves of edges, and the points that stand for them.
+
+use super::{Fineness, SplineCurve};
+use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
+use std::f64::consts::{FRAC_PI_6, TAU};
+
+/// Halvings of a piece between two breaks.
+const DEEPEST: usize = 14;
+/// Places on each piece of a spline among which the nearest point is looked for, a degree.
+const PLACES: usize = 4;
+
+/// A curve in space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Curve {
+    /// `origin + t along`.
+    Line {
+        /// The point of parameter 0.
+        origin: [f64; 3],
+        /// The derivative, of any length.
+        along: [f64; 3],
+    },
+    /// `center + a cos t + b sin t`, the axes orthogonal.
+    Ellipse {
+        /// The centre.
+        center: [f64; 3],
+        /// Half an axis.
+        a: [f64; 3],
+        /// The other.
+        b: [f64; 3],
+    },
+    /// `center + a cosh t + b sinh t`, the axes orthogonal.
+    Hyperbola {
+        /// The centre.
+        center: [f64; 3],
+        /// Towards the branch.
+        a: [f64; 3],
+        /// Across.
+        b: [f64; 3],
+    },
+    /// `vertex + t² a + 2 t b`, the axes orthogonal and of the focal length.
+    Parabola {
+        /// The vertex.
+        vertex: [f64; 3],
+        /// Towards the focus.
+        a: [f64; 3],
+        /// Across.
+        b: [f64; 3],
+    },
+    /// A rational B-spline.
+    Spline(SplineCurve),
+}
+
+impl Curve {
+    /// The point of a parameter.
+    #[must_use]
+    pub fn point(&self, t: f64) -> [f64; 3] {
+        self.at(t).0
+    }
+
+    /// The point of a parameter, and the derivative there. A closed spline goes on beyond its ends.
+    #[must_use]
+    pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
+        let pair = |p: [f64; 3], x: [f64; 2], a: [f64; 3], y: [f64; 2], b: [f64; 3]| {
+            (
+                add_scaled(add_scaled(p, x[0], a), y[0], b),
+                add_scaled(scale(x[1], a), y[1], b),
+            )
+        };
+        match self {
+            Self::Line { origin, along } => (add_scaled(*origin, t, *along), *along),
+            Self::Ellipse { center, a, b } => {
+                let (sin, cos) = t.sin_cos();
+                pair(*center, [cos, -sin], *a, [sin, cos], *b)
+            }
+            Self::Hyperbola { center, a, b } => {
+                let (sinh, cosh) = (t.sinh(), t.cosh());
+                pair(*center, [cosh, sinh], *a, [sinh, cosh], *b)
+            }
+            Self::Parabola { vertex, a, b } => pair(*vertex, [t * t, 2.0 * t], *a, [2.0 * t, 2.0], *b),
+            Self::Spline(spline) => spline.at(t),
+        }
+    }
+
+    /// By how much the parameter comes back to the same point, of closed curves.
+    #[must_use]
+    pub fn period(&self) -> Option<f64> {
+        match self {
+            Self::Ellipse { .. } => Some(TAU),
+            Self::Spline(spline) => spline.period(),
+            _ => None,
+        }
+    }
+
+    /// The parameter of the point nearest to a place; near `guess`, where a curve that is given in pieces passes by more than once.
+    #[must_use]
+    pub fn parameter(&self, p: [f64; 3], guess: Option<f64>) -> f64 {
+        let along = |center: &[f64; 3], a: &[f64; 3]| dot(sub(p, *center), *a) / dot(*a, *a).max(f64::MIN_POSITIVE);
+        match self {
+            Self::Line { origin, along: d } => along(origin, d),
+            Self::Ellipse { center, a, b } => along(center, b).atan2(along(center, a)),
+            Self::Hyperbola { center, b, .. } => along(center, b).asinh(),
+            Self::Parabola { vertex, b, .. } => 0.5 * along(vertex, b),
+            Self::Spline(_) => self.nearest(&|q| sub(q, p), &|d| d, guess),
+        }
+    }
+
+    /// The parameter at which `residual` of the point is shortest. `turned` is the derivative of the residual for the point's derivative.
+    pub(super) fn nearest(
+        &self,
+        residual: &dyn Fn([f64; 3]) -> [f64; 3],
+        turned: &dyn Fn([f64; 3]) -> [f64; 3],
+        guess: Option<f64>,
+    ) -> f64 {
+        let period = self.period();
+        let [lo, hi] = self.domain();
+        let square = |t: f64| {
+            let r = residual(self.point(t));
+            dot(r, r)
+        };
+        let inside = |t: f64| if period.is_some() { t } else { t.clamp(lo, hi) };
+        let refine = |mut t: f64| {
+            let mut value = square(t);
+            for _ in 0..40 {
+                let (q, d) = self.at(t);
+                let (r, d) = (residual(q), turned(d));
+                let mut step = -dot(r, d) / dot(d, d).max(f64::MIN_POSITIVE);
+                let mut next = inside(t + step);
+                // A step that does not come nearer is halved.
+                while square(next) > value && (next - t).abs() > 1e-15 * (hi - lo) {
+                    step *= 0.5;
+                    next = inside(t + step);
+                }
+                let moved = (next - t).abs();
+                let better = square(next);
+                if better >= value {
+                    break;
+                }
+                (t, value) = (next, better);
+                if moved <= 1e-14 * (hi - lo) {
+                    break;
+                }
+            }
+            (value, t)
+        };
+        let mut starts: Vec<f64> = guess.into_iter().collect();
+        let places = self.places();
+        let values: Vec<f64> = places.iter().map(|t| square(*t)).collect();
+        for k in 0..places.len() {
+            let is_lower = |other: Option<&f64>| other.is_none_or(|o| values[k] <= *o);
+            if is_lower(k.checked_sub(1).and_then(|k| values.get(k))) && is_lower(values.get(k + 1)) {
+                starts.push(places[k]);
+            }
+        }
+        let best = starts.into_iter().map(refine).min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or(lo, |(_, t)| t)
+    }
+
+    /// The range in which it is looked at where nothing else bounds it.
+    #[must_use]
+    pub fn domain(&self) -> [f64; 2] {
+        match self {
+            Self::Line { .. } => [0.0, 1.0],
+            Self::Ellipse { .. } => [0.0, TAU],
+            Self::Hyperbola { .. } | Self::Parabola { .. } => [-8.0, 8.0],
+            Self::Spline(spline) => spline.domain(),
+        }
+    }
+
+    /// Parameters all along the domain, close enough for every turn to show.
+    fn places(&self) -> Vec<f64> {
+        let breaks = self.breaks(self.domain());
+        let each = match self {
+            Self::Spline(spline) => PLACES * spline.degree(),
+            _ => PLACES,
+        };
+        let mut found: Vec<f64> = breaks
+            .windows(2)
+            .flat_map(|b| (0..each).map(move |k| b[0] + (b[1] - b[0]) * k as f64 / each as f64))
+            .collect();
+        found.extend(breaks.last());
+        found
+    }
+
+    /// Parameters in a range at which it is looked at first, both ends included: where pieces meet, every 30° of an ellipse.
+    pub(super) fn breaks(&self, [from, to]: [f64; 2]) -> Vec<f64> {
+        let even = |n: usize| -> Vec<f64> { (0..=n).map(|k| from + (to - from) * k as f64 / n as f64).collect() };
+        match self {
+            Self::Line { .. } => vec![from, to],
+            Self::Ellipse { .. } => even((((to - from) / FRAC_PI_6).ceil() as usize).clamp(2, 1000)),
+            Self::Hyperbola { .. } | Self::Parabola { .. } => even(8),
+            Self::Spline(spline) => {
+                let own = spline.breaks();
+                let shifts: Vec<f64> = match self.period() {
+                    Some(period) => {
+                        let first = ((from - own[0]) / period).floor();
+                        let turns = ((to - from) / period).ceil().clamp(0.0, 4.0) as usize + 1;
+                        (0..turns).map(|k| (first + k as f64) * period).collect()
+                    }
+                    None => vec![0.0],
+                };
+                let small = 1e-9 * (to - from);
+                let inner = shifts.iter().flat_map(|s| own.iter().map(move |t| t + s));
+                let mut found = vec![from];
+                for t in inner {
+                    if t > found[found.len() - 1] + small && t < to - small {
+                        found.push(t);
+                    }
+                }
+                found.push(to);
+                found
+            }
+        }
+    }
+
+    /// The range of an edge between two points; `is_closed` where they are one. Ascending, whichever way the edge runs.
+    #[must_use]
+    pub fn range(&self, [from, to]: [[f64; 3]; 2], is_closed: bool) -> [f64; 2] {
+        let first = self.parameter(from, None);
+        match self.period() {
+            Some(period) if is_closed => [first, first + period],
+            Some(period) => {
+                let more = (self.parameter(to, None) - first).rem_euclid(period);
+                [first, first + if more < 1e-12 * period { period } else { more }]
+            }
+            None if is_closed => self.domain(),
+            None => [first, self.parameter(to, None)],
+        }
+    }
+
+    /// Parameters within a range, its ends left out, whose points' chords miss the curve by half of the chord tolerance at most and are no longer than the longest edge.
+    #[must_use]
+    pub fn chords(&self, range: [f64; 2], fineness: &Fineness) -> Vec<f64> {
+        let [from, to] = range;
+        let is_back = to < from;
+        let breaks = self.breaks(if is_back { [to, from] } else { range });
+        let mut found = Vec::new();
+        for pair in breaks.windows(2) {
+            self.halve([pair[0], pair[1]], fineness, DEEPEST, &mut found);
+            found.push(pair[1]);
+        }
+        found.pop();
+        if is_back {
+            found.reverse();
+        }
+        found
+    }
+
+    fn halve(&self, [from, to]: [f64; 2], fineness: &Fineness, depth: usize, found: &mut Vec<f64>) {
+        let (a, b) = (self.point(from), self.point(to));
+        let chord = sub(b, a);
+        let square = dot(chord, chord).max(f64::MIN_POSITIVE);
+        let misses = |share: f64| {
+            let d = sub(self.point(from + share * (to - from)), a);
+            let along = (dot(d, chord) / square).clamp(0.0, 1.0);
+            norm(add_scaled(d, -along, chord)) > 0.5 * fineness.chord
+        };
+        let is_long = square.sqrt() > fineness.longest;
+        let is_line = matches!(self, Self::Line { .. });
+        if depth > 0 && (is_long || !is_line && [0.25, 0.5, 0.75].into_iter().any(misses)) {
+            let middle = 0.5 * (from + to);
+            self.halve([from, middle], fineness, depth - 1, found);
+            found.push(middle);
+            self.halve([middle, to], fineness, depth - 1, found);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::vector3::distance;
+
+    fn wave() -> Curve {
+        let poles: Vec<[f64; 3]> = (0..12)
+            .map(|k| {
+                let t = f64::from(k) / 11.0 * TAU;
+                [t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos()]
+            })
+            .collect();
+        let knots: Vec<f64> = [0.0; 3]
+            .into_iter()
+            .chain((0..=9).map(f64::from))
+            .chain([9.0; 3])
+            .collect();
+        Curve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
+    }
+
+    #[test]
+    fn nearest_parameters_of_points_beside_the_curve_are_theirs() {
+        let shapes = [
+            Curve::Line {
+                origin: [1.0, 2.0, 3.0],
+                along: [0.5, -2.0, 0.25],
+            },
+            Curve::Ellipse {
+                center: [1.0, 0.0, 0.0],
+                a: [3.0, 0.0, 0.0],
+                b: [0.0, 0.0, 2.0],
+            },
+            Curve::Hyperbola {
+                center: [0.0; 3],
+                a: [1.0, 0.0, 0.0],
+                b: [0.0, 2.0, 0.0],
+            },
+            Curve::Parabola {
+                vertex: [0.0; 3],
+                a: [1.0, 0.0, 0.0],
+                b: [0.0, 1.0, 0.0],
+            },
+            wave(),
+        ];
+        for curve in shapes {
+            for k in 1..20 {
+                let t = 0.15 * f64::from(k);
+                let (p, d) = curve.at(t);
+                let h = 1e-6;
+                let by = sub(curve.point(t + h), curve.point(t - h)).map(|x| x / (2.0 * h));
+                assert!(norm(sub(by, d)) < 1e-7 * norm(d).max(1.0), "{curve:?} at {t}");
+                assert!((curve.parameter(p, None) - t).abs() < 1e-7, "{curve:?} at {t}");
+            }
+        }
+    }
+
+    #[test]
+    fn chords_keep_to_the_curve_and_below_the_longest() {
+        let fineness = Fineness {
+            chord: 1e-3,
+            longest: 0.2,
+        };
+        let curve = wave();
+        let period = curve.period().expect("closed");
+        assert_eq!(period, 9.0);
+        // Across the place where it closes, and backwards.
+        for range in [[0.0, 9.0], [7.5, 7.5 + 4.0], [6.0, 1.0]] {
+            let mut at = vec![range[0]];
+            at.extend(curve.chords(range, &fineness));
+            at.push(range[1]);
+            for pair in at.windows(2) {
+                let (a, b) = (curve.point(pair[0]), curve.point(pair[1]));
+                assert!(distance(a, b) <= 0.2);
+                let m = curve.point(0.5 * (pair[0] + pair[1]));
+                let d = sub(b, a);
+                let off = norm(add_scaled(sub(m, a), -dot(sub(m, a), d) / dot(d, d), d));
+                assert!(off <= 0.5e-3, "{off}");
+                assert!((pair[1] > pair[0]) == (range[1] > range[0]));
+            }
+        }
+    }
+}

@@ -1,0 +1,470 @@
+//! What a face covers of its surface's parameters: polygons without jumps.
+//!
+//! Comes in: loops in parameters. Goes out: polygons; a point in an odd number of them is in the face. Two loops that wind around are cut open along a bridge,
+//! which both sides of the cut share; where the face holds a pole, or all of a closed surface, loops are made for it.
+
+use super::lifted::{Lifted, Lifter, Ring};
+use super::surface::{Feet, Surface};
+use super::{Face, Fineness};
+use crate::tessellation::polygon::{Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area};
+use planish_estimate::vector3::{distance, norm};
+use planish_estimate::{Error, Result};
+
+/// Corners of the loop that stands for a pole.
+const AROUND_POLE: usize = 24;
+/// Most sides of a line of one parameter.
+const MOST_SIDES: usize = 4096;
+
+/// The polygons of a face.
+pub(super) struct Outline {
+    /// In lengths: parameters times `steps`.
+    pub(super) polygons: Vec<Vec<Corner>>,
+    /// Mean lengths of the surface's steps along its parameters.
+    pub(super) steps: [f64; 2],
+}
+
+/// Makes the polygons of a face. Points that are added come last among the positions.
+pub(super) struct Outliner<'a> {
+    surface: &'a Surface,
+    lifter: Lifter<'a>,
+    fineness: Fineness,
+    positions: &'a mut Vec<[f64; 3]>,
+}
+
+impl<'a> Outliner<'a> {
+    pub(super) fn new(face: &'a Face, positions: &'a mut Vec<[f64; 3]>, fineness: Fineness) -> Self {
+        let surface = &face.surface;
+        let lifter = Lifter {
+            feet: Feet::new(surface),
+            periods: surface.periods(),
+            poles: surface.poles(),
+            close: 0.1 * fineness.chord,
+        };
+        Self {
+            surface,
+            lifter,
+            fineness,
+            positions,
+        }
+    }
+
+    /// The polygons of a face within loops that have it to their left.
+    pub(super) fn outline(&mut self, rings: &[Ring]) -> Result<Outline> {
+        let lifted: Result<Vec<Lifted>> = rings
+            .iter()
+            .map(|ring| self.lifter.lift(ring, self.positions))
+            .collect();
+        // A loop along both sides of a seam goes around what is in it, whichever way it runs; some files have that wrong.
+        let is_seamed = rings.iter().any(Ring::has_seam);
+        let mut polygons = self.polygons(lifted?, is_seamed)?;
+        let periods = self.lifter.periods;
+        if periods != [None; 2] {
+            shift_into_outer(&mut polygons, periods);
+        }
+        let steps = self.steps(&polygons);
+        for corner in polygons.iter_mut().flatten() {
+            corner.at = [corner.at[0] * steps[0], corner.at[1] * steps[1]];
+        }
+        part_touching(&mut polygons, 1.0);
+        Ok(Outline { polygons, steps })
+    }
+
+    fn polygons(&mut self, loops: Vec<Lifted>, is_seamed: bool) -> Result<Vec<Vec<Corner>>> {
+        if loops.iter().any(|l| l.windings[0] != 0 && l.windings[1] != 0) {
+            return Err(Error::unsupported("a loop of it winds around both ways"));
+        }
+        let along = [0, 1].into_iter().find(|k| loops.iter().any(|l| l.windings[*k] != 0));
+        let Some(k) = along else {
+            return self.unwound(loops.into_iter().map(|l| l.corners).collect(), is_seamed);
+        };
+        let (winding, others): (Vec<Lifted>, Vec<Lifted>) = loops.into_iter().partition(|l| l.windings[k] != 0);
+        let mut around: Vec<(bool, Vec<Corner>)> =
+            winding.into_iter().map(|l| (l.windings[k] > 0, l.corners)).collect();
+        let n = around.len();
+        if n == 1 {
+            let pole = self.pole_beside(k, around[0].0)?;
+            around.push((!around[0].0, pole));
+        } else if n != 2 {
+            return Err(Error::unsupported(format!(
+                "{n} of its loops run around it: needed none, one or two"
+            )));
+        }
+        let pair = self.upright(k, around)?;
+        let mut polygons: Vec<Vec<Corner>> = others.into_iter().map(|l| l.corners).collect();
+        let joined = self.joined(k, pair, &polygons)?;
+        polygons.insert(0, joined);
+        Ok(polygons)
+    }
+
+    /// Two loops around, one that runs on and one that runs back, the face between them to their left.
+    fn upright(&self, k: usize, around: Vec<(bool, Vec<Corner>)>) -> Result<[Vec<Corner>; 2]> {
+        let across = 1 - k;
+        let mean = |l: &Vec<Corner>| l.iter().map(|c| c.at[across]).sum::<f64>() / l.len() as f64;
+        let mut sorted = around;
+        if self.lifter.periods[across].is_some() {
+            if sorted[0].0 == sorted[1].0 {
+                return Err(Error::unsupported("two of its loops run around it the same way"));
+            }
+            sorted.sort_by_key(|(is_on, _)| !is_on);
+        } else {
+            // Only one part lies between two loops: which way they run says nothing more, and is wrong in some files.
+            sorted.sort_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1)));
+            if k == 1 {
+                sorted.reverse();
+            }
+            for (place, (is_on, corners)) in sorted.iter_mut().enumerate() {
+                if *is_on != (place == 0) {
+                    corners.reverse();
+                }
+            }
+        }
+        let mut rest = sorted.into_iter().map(|(_, corners)| corners);
+        match (rest.next(), rest.next()) {
+            (Some(on), Some(mut back)) => {
+                if let Some(period) = self.lifter.periods[across] {
+                    let up = if k == 0 { 1.0 } else { -1.0 };
+                    let apart = up * (mean(&back) - mean(&on));
+                    let shift = up * (apart.rem_euclid(period) - apart);
+                    for corner in &mut back {
+                        corner.at[across] += shift;
+                    }
+                }
+                Ok([on, back])
+            }
+            _ => Err(Error::unsupported("needed two loops around it")),
+        }
+    }
+
+    /// The loop that stands for the pole on the side of a loop around, to its left where there are two.
+    fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
+        let is_above = is_on == (k == 0);
+        let of = |low: bool| {
+            self.lifter
+                .poles
+                .iter()
+                .find(|p| p.constant == 1 - k && p.is_low == low)
+        };
+        match of(!is_above).or(of(is_above)).copied() {
+            Some(pole) => {
+                let vertex = self.positions.len() as u32;
+                self.positions.push(pole.point);
+                Ok(self.around(k, pole.value, AROUND_POLE, |_, _| vertex))
+            }
+            None => Err(Error::unsupported(
+                "one loop runs around it, and it has no pole where the face could end",
+            )),
+        }
+    }
+
+    /// Corners along a period of one parameter, the other constant; running on.
+    fn around(
+        &mut self,
+        k: usize,
+        value: f64,
+        n: usize,
+        mut vertex: impl FnMut(&mut Self, [f64; 2]) -> u32,
+    ) -> Vec<Corner> {
+        let lo = self.surface.domain()[k].map_or(0.0, |d| d[0]);
+        let period = self.lifter.periods[k].unwrap_or(1.0);
+        (0..n)
+            .map(|i| {
+                let mut at = [value; 2];
+                at[k] = lo + period * i as f64 / n as f64;
+                Corner {
+                    vertex: vertex(self, at),
+                    at,
+                }
+            })
+            .collect()
+    }
+
+    /// A face none of whose loops winds around: within the outer one, or what holes leave of a closed surface, or all of it.
+    fn unwound(&mut self, loops: Vec<Vec<Corner>>, is_seamed: bool) -> Result<Vec<Vec<Corner>>> {
+        let periods = self.lifter.periods;
+        // A direction around which loops could be made: its ends across are poles, or it comes back across, too, or nothing bounds it at all.
+        let low = |k: usize, low: bool| self.lifter.poles.iter().any(|p| p.constant == 1 - k && p.is_low == low);
+        let closes = |k: usize| periods[k].is_some() && (periods[1 - k].is_some() || low(k, true) && low(k, false));
+        let closed = [0, 1].into_iter().find(|k| closes(*k));
+        if let Some(k) = closed
+            && (loops.is_empty() || !is_seamed && signed_area(&loops) < 0.0)
+        {
+            return self.complement(k, loops);
+        }
+        match loops.is_empty() {
+            false => Ok(loops),
+            true => self.whole(),
+        }
+    }
+
+    /// All of a surface without borders, but for holes.
+    fn complement(&mut self, k: usize, holes: Vec<Vec<Corner>>) -> Result<Vec<Vec<Corner>>> {
+        let across = 1 - k;
+        let pair = match self.lifter.periods[across] {
+            None => {
+                let domain = self.surface.domain()[across].unwrap_or_default();
+                let low = self.pole_at(k, domain[0])?;
+                let mut high = self.pole_at(k, domain[1])?;
+                high.reverse();
+                if k == 0 { [low, high] } else { reversed_pair(low, high) }
+            }
+            Some(period) => {
+                let lo = self.surface.domain()[across].map_or(0.0, |d| d[0]);
+                let is_free = |x: f64| {
+                    holes.iter().all(|hole| {
+                        let (a, b) = extent(hole, across);
+                        (x - a).rem_euclid(period) > b - a
+                    })
+                };
+                let Some(x) = (0..64).map(|i| lo + period * f64::from(i) / 64.0).find(|x| is_free(*x)) else {
+                    return Err(Error::unsupported("its loops leave no line around it free"));
+                };
+                let n = self.sides(k, x);
+                let here = self.around(k, x, n, |this, at| this.add(at));
+                let mut there = here.clone();
+                for corner in &mut there {
+                    corner.at[across] += period;
+                }
+                there.reverse();
+                if k == 0 {
+                    [here, there]
+                } else {
+                    reversed_pair(here, there)
+                }
+            }
+        };
+        let joined = self.joined(k, pair, &holes)?;
+        let mut polygons = vec![joined];
+        polygons.extend(holes);
+        Ok(polygons)
+    }
+
+    fn pole_at(&mut self, k: usize, value: f64) -> Result<Vec<Corner>> {
+        let pole = self
+            .lifter
+            .poles
+            .iter()
+            .find(|p| p.constant == 1 - k && p.value == value);
+        let Some(point) = pole.map(|p| p.point) else {
+            return Err(Error::unsupported("it has no pole where it should end"));
+        };
+        let vertex = self.positions.len() as u32;
+        self.positions.push(point);
+        Ok(self.around(k, value, AROUND_POLE, |_, _| vertex))
+    }
+
+    /// All of a surface that has borders of its own.
+    fn whole(&mut self) -> Result<Vec<Vec<Corner>>> {
+        let domain = self.surface.domain();
+        let [Some(u), Some(v)] = domain else {
+            return Err(Error::unsupported("nothing bounds it"));
+        };
+        let periods = self.lifter.periods;
+        if let Some(k) = [0, 1].into_iter().find(|k| periods[*k].is_some()) {
+            let ends = domain[1 - k].unwrap_or_default();
+            let mut low = self.circle(k, ends[0]);
+            let mut high = self.circle(k, ends[1]);
+            if k == 0 {
+                high.reverse();
+            } else {
+                low.reverse();
+                std::mem::swap(&mut low, &mut high);
+            }
+            return Ok(vec![self.joined(k, [low, high], &[])?]);
+        }
+        let corners = [[u[0], v[0]], [u[1], v[0]], [u[1], v[1]], [u[0], v[1]]];
+        let mut polygon: Vec<Corner> = Vec::new();
+        for side in 0..4 {
+            let (from, to) = (corners[side], corners[(side + 1) % 4]);
+            let k = side % 2;
+            let pole = self
+                .lifter
+                .poles
+                .iter()
+                .find(|p| p.constant == 1 - k && p.value == from[1 - k])
+                .map(|p| p.point);
+            let n = if pole.is_some() { 1 } else { self.sides(k, from[1 - k]) };
+            for i in 0..n {
+                let at = [0, 1].map(|c| from[c] + (to[c] - from[c]) * i as f64 / n as f64);
+                let vertex = self.add(at);
+                polygon.push(Corner { vertex, at });
+            }
+        }
+        Ok(vec![self.merged(polygon)])
+    }
+
+    /// A border around a closed direction: a pole or points.
+    fn circle(&mut self, k: usize, value: f64) -> Vec<Corner> {
+        if let Ok(pole) = self.pole_at(k, value) {
+            return pole;
+        }
+        let n = self.sides(k, value);
+        self.around(k, value, n, |this, at| this.add(at))
+    }
+
+    /// Corners in one place made one vertex.
+    fn merged(&self, mut polygon: Vec<Corner>) -> Vec<Corner> {
+        for i in 1..polygon.len() {
+            let place = |c: &Corner| self.positions[c.vertex as usize];
+            let (here, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
+            for other in [last, first] {
+                if distance(here, place(&other)) <= 1e-9 * norm(here) {
+                    polygon[i].vertex = other.vertex;
+                }
+            }
+        }
+        polygon
+    }
+
+    fn add(&mut self, at: [f64; 2]) -> u32 {
+        self.positions.push(self.surface.point(at));
+        (self.positions.len() - 1) as u32
+    }
+
+    /// Sides along the whole of a parameter, the other constant, that are fine enough.
+    fn sides(&self, k: usize, value: f64) -> usize {
+        let [lo, hi] = self.surface.domain()[k].unwrap_or([0.0, 1.0]);
+        let at = |x: f64| {
+            let mut at = [value; 2];
+            at[k] = x;
+            at
+        };
+        self.pieces(at(lo), at(hi), 4)
+    }
+
+    /// Equal pieces of a straight line of parameters whose chords are fine enough.
+    fn pieces(&self, from: [f64; 2], to: [f64; 2], least: usize) -> usize {
+        let point = |share: f64| self.surface.point([0, 1].map(|c| from[c] + share * (to[c] - from[c])));
+        let mut n = least;
+        while n < MOST_SIDES {
+            let is_fine = (0..n).all(|i| {
+                let [a, m, b] = [0.0, 0.5, 1.0].map(|h| point((i as f64 + h) / n as f64));
+                let flat = [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]));
+                distance(m, flat) <= self.fineness.chord && distance(a, b) <= self.fineness.longest
+            });
+            if is_fine {
+                break;
+            }
+            n *= 2;
+        }
+        n
+    }
+
+    /// One polygon of two loops around, the first running on and the second back, along a bridge that crosses no loop.
+    fn joined(&mut self, k: usize, [on, back]: [Vec<Corner>; 2], others: &[Vec<Corner>]) -> Result<Vec<Corner>> {
+        let period = self.lifter.periods[k].unwrap_or(1.0);
+        let near = |x: f64, to: f64| x - period * ((x - to) / period).round();
+        let across = 1 - k;
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        // Some hundred places of each are enough to choose from.
+        let (stride_on, stride_back) = (on.len().div_ceil(400), back.len().div_ceil(400));
+        for i in (0..on.len()).step_by(stride_on) {
+            for j in (0..back.len()).step_by(stride_back) {
+                let lean = (near(back[j].at[k], on[i].at[k]) - on[i].at[k]) / period;
+                let up = (back[j].at[across] - on[i].at[across]).abs();
+                pairs.push((lean.abs() + 1e-3 * up / (1.0 + up), i, j));
+            }
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let loops: Vec<&Vec<Corner>> = [&on, &back].into_iter().chain(others).collect();
+        let is_free = |from: &Corner, to: &Corner| {
+            let mut end = to.at;
+            end[k] = near(end[k], from.at[k]);
+            let ends = [from.vertex, to.vertex];
+            !loops.iter().any(|l| {
+                (0..l.len()).any(|i| {
+                    let (p, q) = (&l[i], &l[(i + 1) % l.len()]);
+                    if ends.contains(&p.vertex) || ends.contains(&q.vertex) {
+                        return false;
+                    }
+                    let mut a = p.at;
+                    a[k] = near(a[k], from.at[k]);
+                    let mut b = q.at;
+                    b[k] = near(b[k], a[k]);
+                    [-period, 0.0, period].into_iter().any(|s| {
+                        let moved = |mut x: [f64; 2]| {
+                            x[k] += s;
+                            x
+                        };
+                        segments_cross(from.at, end, moved(a), moved(b))
+                    })
+                })
+            })
+        };
+        let bridge = pairs.iter().take(20_000).find(|(_, i, j)| is_free(&on[*i], &back[*j]));
+        let Some(&(_, i, j)) = bridge else {
+            return Err(Error::unsupported("no bridge between the loops around it was found"));
+        };
+        let unrolled = |ring: &[Corner], from: usize, start: f64, way: f64| {
+            let mut last = start;
+            let mut found = Vec::with_capacity(ring.len() + 1);
+            for step in 0..=ring.len() {
+                let mut corner = ring[(from + step) % ring.len()];
+                corner.at[k] = match step {
+                    0 => start,
+                    _ if step == ring.len() => start + way * period,
+                    _ => near(corner.at[k], last),
+                };
+                last = corner.at[k];
+                found.push(corner);
+            }
+            found
+        };
+        let from = on[i].at;
+        let mut to = back[j].at;
+        to[k] = near(to[k], from[k]);
+        let n = self.pieces(from, to, 1);
+        let between: Vec<Corner> = (1..n)
+            .map(|step| {
+                let at = [0, 1].map(|c| from[c] + (to[c] - from[c]) * step as f64 / n as f64);
+                let vertex = self.add(at);
+                Corner { vertex, at }
+            })
+            .collect();
+        let mut polygon = unrolled(&on, i, from[k], 1.0);
+        polygon.extend(between.iter().map(|c| {
+            let mut shifted = *c;
+            shifted.at[k] += period;
+            shifted
+        }));
+        polygon.extend(unrolled(&back, j, to[k] + period, -1.0));
+        polygon.extend(between.iter().rev());
+        Ok(polygon)
+    }
+
+    /// Mean lengths of the surface's steps where the polygons run.
+    fn steps(&self, polygons: &[Vec<Corner>]) -> [f64; 2] {
+        let corners: Vec<&Corner> = polygons.iter().flatten().collect();
+        let mut sums = [0.0; 2];
+        let mut counts = [0.0_f64; 2];
+        for corner in corners.iter().step_by(corners.len().div_ceil(100).max(1)) {
+            let (_, slopes) = self.surface.at(corner.at);
+            for c in 0..2 {
+                let length = norm(slopes[c]);
+                if length > 1e-12 {
+                    sums[c] += length;
+                    counts[c] += 1.0;
+                }
+            }
+        }
+        [0, 1].map(|c| if sums[c] > 0.0 { sums[c] / counts[c] } else { 1.0 })
+    }
+}
+
+/// Least and largest of a parameter along a loop.
+fn extent(corners: &[Corner], k: usize) -> (f64, f64) {
+    corners
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[k]), hi.max(c.at[k])))
+}
+
+/// A low loop that runs on and a high one that runs back, with the face on their other sides: high on, low back.
+fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2] {
+    low.reverse();
+    high.reverse();
+    [high, low]
+}
+
+/// Whether a point lies in an odd number of polygons.
+pub(super) fn is_in(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
+    polygons.iter().filter(|polygon| contains(polygon, p)).count() % 2 == 1
+}

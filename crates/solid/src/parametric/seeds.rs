@@ -1,0 +1,122 @@
+//! Points within a face: a lattice of parameters as dense as curvature and the longest side ask for.
+
+use super::outline::{Outline, is_in};
+use super::{Fineness, Surface};
+use crate::tessellation::polygon::Corner;
+use planish_estimate::vector3::norm;
+use planish_estimate::{Error, Result};
+
+/// Places along each parameter at which second differences are taken.
+const PROBES: usize = 24;
+/// Points of the lattice keep this share of its spacing off the borders.
+const APART: f64 = 0.4;
+/// Share of the places whose curvature the lattice follows; triangles that miss the rest are refined.
+const SHARE: f64 = 0.75;
+
+/// Corners on a lattice within an outline; new vertices come last among the positions.
+///
+/// # Errors
+/// `Unsupported` where that would be more than `most`.
+pub(super) fn seeds(
+    surface: &Surface,
+    outline: &Outline,
+    fineness: &Fineness,
+    most: usize,
+    positions: &mut Vec<[f64; 3]>,
+) -> Result<Vec<Corner>> {
+    let steps = outline.steps;
+    let [lo, hi] = bounds(&outline.polygons);
+    let width = [hi[0] - lo[0], hi[1] - lo[1]];
+    let spacing = spacings(surface, lo, hi, steps, fineness);
+    let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);
+    if n[0].saturating_mul(n[1]) > most {
+        return Err(Error::unsupported(format!(
+            "needs about {} points: needed a larger chord error or longest side",
+            n[0].saturating_mul(n[1])
+        )));
+    }
+    let cell = [0, 1].map(|c| width[c] / n[c] as f64);
+    let apart = APART * cell[0].min(cell[1]);
+    let mut found = Vec::new();
+    for j in 1..n[1] {
+        let y = lo[1] + cell[1] * j as f64;
+        let sides = sides_near(&outline.polygons, y, apart);
+        for i in 1..n[0] {
+            let at = [lo[0] + cell[0] * i as f64, y];
+            let is_off = sides.iter().all(|side| off(*side, at) > apart);
+            if is_off && is_in(&outline.polygons, at) {
+                let vertex = positions.len() as u32;
+                positions.push(surface.point([at[0] / steps[0], at[1] / steps[1]]));
+                found.push(Corner { vertex, at });
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn bounds(polygons: &[Vec<Corner>]) -> [[f64; 2]; 2] {
+    let mut found = [[f64::MAX; 2], [f64::MIN; 2]];
+    for corner in polygons.iter().flatten() {
+        for c in 0..2 {
+            found[0][c] = found[0][c].min(corner.at[c]);
+            found[1][c] = found[1][c].max(corner.at[c]);
+        }
+    }
+    found
+}
+
+/// How far lattice lines may be apart, in lengths: a chord of h misses by |S''| h²/8.
+fn spacings(surface: &Surface, lo: [f64; 2], hi: [f64; 2], steps: [f64; 2], fineness: &Fineness) -> [f64; 2] {
+    [0, 1].map(|c| {
+        let width = hi[c] - lo[c];
+        let mut allowed = fineness.longest.min(width);
+        if surface.is_plane() || width <= 0.0 {
+            return allowed.max(f64::MIN_POSITIVE);
+        }
+        let h = width / PROBES as f64;
+        let at = |along: f64, across: f64| {
+            let mut at = [0.0; 2];
+            at[c] = lo[c] + along;
+            at[1 - c] = lo[1 - c] + (hi[1 - c] - lo[1 - c]) * across;
+            surface.point([at[0] / steps[0], at[1] / steps[1]])
+        };
+        let mut bends = Vec::with_capacity(5 * PROBES);
+        for across in [0.03, 0.25, 0.5, 0.75, 0.97] {
+            let line: Vec<[f64; 3]> = (0..=PROBES).map(|k| at(h * k as f64, across)).collect();
+            for t in line.windows(3) {
+                bends.push(norm([0, 1, 2].map(|x| t[0][x] - 2.0 * t[1][x] + t[2][x])) / (h * h));
+            }
+        }
+        bends.sort_by(f64::total_cmp);
+        let bend = bends[(SHARE * (bends.len() - 1) as f64) as usize];
+        if bend > 0.0 {
+            allowed = allowed.min((8.0 * 0.5 * fineness.chord / bend).sqrt());
+        }
+        // Lines where pieces meet are crossed at least once a piece.
+        let pieces = surface.breaks(c).len().saturating_sub(1).max(1);
+        let whole = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
+        if bend > 0.0 && pieces > 1 {
+            allowed = allowed.min(whole / pieces as f64);
+        }
+        allowed.max(1e-6 * width)
+    })
+}
+
+/// Sides of polygons that come within a distance of a level of the second coordinate.
+fn sides_near(polygons: &[Vec<Corner>], y: f64, apart: f64) -> Vec<[[f64; 2]; 2]> {
+    let sides = polygons
+        .iter()
+        .flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
+    sides
+        .filter(|[a, b]| a[1].min(b[1]) <= y + apart && a[1].max(b[1]) >= y - apart)
+        .collect()
+}
+
+/// The distance of a point from a side.
+fn off([a, b]: [[f64; 2]; 2], p: [f64; 2]) -> f64 {
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let r = [p[0] - a[0], p[1] - a[1]];
+    let square = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
+    let share = ((r[0] * d[0] + r[1] * d[1]) / square).clamp(0.0, 1.0);
+    (r[0] - share * d[0]).hypot(r[1] - share * d[1])
+}

@@ -1,0 +1,500 @@
+//! Surfaces of faces: elementary ones, B-splines, and what a curve sweeps.
+
+use super::{Curve, SplineSurface};
+use crate::brep;
+use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Sides of a spline that are this near, of its size, are one curve, or one point.
+const CLOSED: f64 = 1e-7;
+/// Most places along u and along v among which the nearest point of a spline is looked for.
+const MOST_PLACES: usize = 160;
+
+/// A surface with two parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Surface {
+    /// A plane, cylinder, cone, sphere or torus.
+    Elementary(brep::Surface),
+    /// A rational B-spline.
+    Spline(Box<SplineSurface>),
+    /// `C(u) + v along`: a curve that is moved along a line.
+    Extrusion {
+        /// The curve.
+        curve: Curve,
+        /// The derivative along v.
+        along: [f64; 3],
+    },
+    /// `C(v)` turned by the angle u about an axis.
+    Revolution {
+        /// The curve.
+        curve: Curve,
+        /// A point of the axis.
+        origin: [f64; 3],
+        /// The axis, of unit length.
+        axis: [f64; 3],
+    },
+    /// `S(u, v) + distance n(u, v)`.
+    Offset {
+        /// The surface beside which it runs.
+        base: Box<Surface>,
+        /// How far, on the side of its normal.
+        distance: f64,
+    },
+}
+
+/// A line of one parameter that is a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pole {
+    /// Which parameter does not change along it: 0 for u.
+    pub constant: usize,
+    /// Its value.
+    pub value: f64,
+    /// Whether the surface lies where that parameter is larger.
+    pub is_low: bool,
+    /// The point.
+    pub point: [f64; 3],
+}
+
+/// `p` turned about an axis through the origin.
+fn turned(p: [f64; 3], axis: [f64; 3], angle: f64) -> [f64; 3] {
+    let (sin, cos) = angle.sin_cos();
+    let across = add_scaled(scale(cos, p), sin, cross(axis, p));
+    add_scaled(across, (1.0 - cos) * dot(axis, p), axis)
+}
+
+/// The angle about an axis from one point to another.
+fn angle_between(from: [f64; 3], to: [f64; 3], axis: [f64; 3]) -> f64 {
+    let [a, b] = [from, to].map(|p| add_scaled(p, -dot(p, axis), axis));
+    dot(cross(a, b), axis).atan2(dot(a, b))
+}
+
+impl Surface {
+    /// The point of parameters.
+    #[must_use]
+    pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
+        match self {
+            Self::Elementary(surface) => surface.point([u, v]),
+            Self::Spline(spline) => spline.at([u, v]).0,
+            Self::Extrusion { curve, along } => add_scaled(curve.point(u), v, *along),
+            Self::Revolution { curve, origin, axis } => {
+                add_scaled(*origin, 1.0, turned(sub(curve.point(v), *origin), *axis, u))
+            }
+            Self::Offset { base, distance } => {
+                let p = base.point([u, v]);
+                base.normal([u, v]).map_or(p, |n| add_scaled(p, *distance, n))
+            }
+        }
+    }
+
+    /// The point of parameters and the derivatives along u and v; those of some surfaces by differences.
+    #[must_use]
+    pub fn at(&self, [u, v]: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+        match self {
+            Self::Spline(spline) => spline.at([u, v]),
+            Self::Extrusion { curve, along } => {
+                let (p, d) = curve.at(u);
+                (add_scaled(p, v, *along), [d, *along])
+            }
+            Self::Revolution { curve, origin, axis } => {
+                let (p, d) = curve.at(v);
+                let arm = turned(sub(p, *origin), *axis, u);
+                (add_scaled(*origin, 1.0, arm), [cross(*axis, arm), turned(d, *axis, u)])
+            }
+            Self::Elementary(_) | Self::Offset { .. } => {
+                let domain = self.domain();
+                let slope = |k: usize| {
+                    let [lo, hi] = domain[k].unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+                    let h = match hi - lo {
+                        width if width.is_finite() => 1e-6 * width,
+                        _ => 1e-6,
+                    };
+                    let x = [u, v][k];
+                    let ends = [(x - h).max(lo), (x + h).min(hi)].map(|x| {
+                        let mut at = [u, v];
+                        at[k] = x;
+                        (x, self.point(at))
+                    });
+                    scale(1.0 / (ends[1].0 - ends[0].0), sub(ends[1].1, ends[0].1))
+                };
+                (self.point([u, v]), [slope(0), slope(1)])
+            }
+        }
+    }
+
+    /// The unit normal `S_u × S_v`; at a pole that of places beside it.
+    fn normal(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+        let of = |at: [f64; 2]| {
+            let (_, [u, v]) = self.at(at);
+            unit(cross(u, v)).filter(|_| norm(cross(u, v)) > 1e-9 * (dot(u, u) + dot(v, v)))
+        };
+        let domain = self.domain();
+        let inward = |k: usize| domain[k].map_or(at[k], |[lo, hi]| at[k] + 1e-5 * (0.5 * (lo + hi) - at[k]));
+        of(at).or_else(|| of([inward(0), inward(1)]))
+    }
+
+    /// By how much each parameter comes back to the same points; none where it does not.
+    #[must_use]
+    pub fn periods(&self) -> [Option<f64>; 2] {
+        match self {
+            Self::Elementary(surface) => surface.periods(),
+            Self::Spline(spline) => spline.periods(),
+            Self::Extrusion { curve, .. } => [curve.period(), None],
+            Self::Revolution { curve, .. } => [Some(TAU), curve.period()],
+            Self::Offset { base, .. } => base.periods(),
+        }
+    }
+
+    /// The range of each parameter, where it has one of its own.
+    #[must_use]
+    pub fn domain(&self) -> [Option<[f64; 2]>; 2] {
+        let of = |curve: &Curve| match curve {
+            Curve::Spline(spline) => Some(spline.domain()),
+            Curve::Ellipse { .. } => Some(curve.domain()),
+            _ => None,
+        };
+        match self {
+            Self::Elementary(surface) => match surface {
+                brep::Surface::Plane { .. } => [None, None],
+                brep::Surface::Sphere { .. } => [Some([0.0, TAU]), Some([-FRAC_PI_2, FRAC_PI_2])],
+                brep::Surface::Torus { .. } => [Some([0.0, TAU]), Some([0.0, TAU])],
+                _ => [Some([0.0, TAU]), None],
+            },
+            Self::Spline(spline) => spline.domain().map(Some),
+            Self::Extrusion { curve, .. } => [of(curve), None],
+            Self::Revolution { curve, .. } => [Some([0.0, TAU]), of(curve)],
+            Self::Offset { base, .. } => base.domain(),
+        }
+    }
+
+    /// Lines of one parameter that are points: poles of a sphere, the tip of a cone, sides of a spline, ends of a curve on its axis.
+    #[must_use]
+    pub fn poles(&self) -> Vec<Pole> {
+        let pole = |constant: usize, value: f64, is_low: bool| {
+            let mut at = [0, 1].map(|k| self.domain()[k].map_or(0.0, |d| d[0]));
+            at[constant] = value;
+            Pole {
+                constant,
+                value,
+                is_low,
+                point: self.point(at),
+            }
+        };
+        match self {
+            Self::Elementary(brep::Surface::Sphere { .. }) => {
+                vec![pole(1, -FRAC_PI_2, true), pole(1, FRAC_PI_2, false)]
+            }
+            Self::Elementary(surface @ brep::Surface::Cone { .. }) => vec![pole(1, surface.range_v()[0], true)],
+            Self::Elementary(_) | Self::Extrusion { .. } => Vec::new(),
+            Self::Spline(_) => self.collapsed_sides().map(|(k, x, low)| pole(k, x, low)).collect(),
+            Self::Offset { base, .. } => base
+                .poles()
+                .into_iter()
+                .map(|p| pole(p.constant, p.value, p.is_low))
+                .collect(),
+            Self::Revolution { curve, origin, axis } => {
+                let Curve::Spline(spline) = curve else {
+                    // Circles that reach their axis are not asked where.
+                    return Vec::new();
+                };
+                let [lo, hi] = spline.domain();
+                let size = distance(curve.point(lo), curve.point(0.5 * (lo + hi)));
+                [(lo, true), (hi, false)]
+                    .into_iter()
+                    .filter(|(t, _)| {
+                        let d = sub(curve.point(*t), *origin);
+                        norm(add_scaled(d, -dot(d, *axis), *axis)) <= CLOSED * size
+                    })
+                    .map(|(t, low)| pole(1, t, low))
+                    .collect()
+            }
+        }
+    }
+
+    /// Sides of the domain that are points: the parameter that is constant, its value, whether it is the low one.
+    fn collapsed_sides(&self) -> impl Iterator<Item = (usize, f64, bool)> {
+        let domain = self.domain();
+        let periods = self.periods();
+        let size = match domain {
+            [Some(u), Some(v)] => distance(
+                self.point([u[0], v[0]]),
+                self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]),
+            ),
+            _ => 0.0,
+        };
+        (0..2)
+            .filter_map(move |k| match (domain[k], domain[1 - k], periods[k]) {
+                (Some(d), Some(across), None) => Some((k, d, across)),
+                _ => None,
+            })
+            .flat_map(|(k, d, across)| [(k, d[0], true, across), (k, d[1], false, across)])
+            .filter(move |(k, value, _, [lo, hi])| {
+                let at = |share: f64| {
+                    let mut at = [*value; 2];
+                    at[1 - k] = lo + share * (hi - lo);
+                    self.point(at)
+                };
+                let first = at(0.0);
+                (1..=8).all(|i| distance(first, at(f64::from(i) / 8.0)) <= CLOSED * size)
+            })
+            .map(|(k, value, low, _)| (k, value, low))
+            .collect::<Vec<_>>()
+            .into_iter()
+    }
+
+    /// Its kind in words.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Elementary(surface) => surface.kind(),
+            Self::Spline(_) => "B-spline",
+            Self::Extrusion { .. } => "extrusion",
+            Self::Revolution { .. } => "revolution",
+            Self::Offset { .. } => "offset surface",
+        }
+    }
+
+    /// Whether straight lines of parameters are straight and equally far: a plane.
+    pub(super) fn is_plane(&self) -> bool {
+        matches!(self, Self::Elementary(brep::Surface::Plane { .. }))
+    }
+
+    /// Parameters along one of them at which pieces meet, within its domain.
+    pub(super) fn breaks(&self, direction: usize) -> Vec<f64> {
+        match (self, direction) {
+            (Self::Spline(spline), k) => spline.breaks(k),
+            (Self::Extrusion { curve, .. }, 0) | (Self::Revolution { curve, .. }, 1) => curve.breaks(curve.domain()),
+            (Self::Offset { base, .. }, k) => base.breaks(k),
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// A surface that is asked for the parameters of many points.
+pub(super) struct Feet<'a> {
+    surface: &'a Surface,
+    periods: [Option<f64>; 2],
+    /// Places of a spline: parameters and points.
+    places: Vec<([f64; 2], [f64; 3])>,
+}
+
+impl<'a> Feet<'a> {
+    pub(super) fn surface(&self) -> &Surface {
+        self.surface
+    }
+
+    pub(super) fn new(surface: &'a Surface) -> Self {
+        Self {
+            surface,
+            periods: surface.periods(),
+            places: Vec::new(),
+        }
+    }
+
+    /// The parameters of the point nearest to `p`; near `guess` where that is good within `close`.
+    pub(super) fn of(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
+        let mut base = self.surface;
+        while let Surface::Offset { base: inner, .. } = base {
+            base = inner;
+        }
+        match base {
+            Surface::Elementary(surface) => elementary(surface, p),
+            Surface::Extrusion { curve, along } => {
+                let n = unit(*along).unwrap_or([0.0, 0.0, 1.0]);
+                let across = |d: [f64; 3]| add_scaled(d, -dot(d, n), n);
+                let u = curve.nearest(&|q| across(sub(q, p)), &across, guess.map(|g| g[0]));
+                let v = dot(sub(p, curve.point(u)), *along) / dot(*along, *along).max(f64::MIN_POSITIVE);
+                [u, v]
+            }
+            Surface::Revolution { curve, origin, axis } => {
+                let place = |q: [f64; 3]| {
+                    let d = sub(q, *origin);
+                    let h = dot(d, *axis);
+                    [norm(add_scaled(d, -h, *axis)), h]
+                };
+                let [r, h] = place(p);
+                let residual = |q: [f64; 3]| {
+                    let [a, b] = place(q);
+                    [a - r, b - h, 0.0]
+                };
+                let v = on_profile(curve, &residual, guess.map(|g| g[1]));
+                let u = angle_between(sub(curve.point(v), *origin), sub(p, *origin), *axis);
+                [u, v]
+            }
+            Surface::Spline(_) | Surface::Offset { .. } => self.on_spline(base, p, guess, close),
+        }
+    }
+
+    fn on_spline(&mut self, surface: &Surface, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
+        let near = guess.map(|g| foot(surface, p, g, &self.periods));
+        if let Some((off, at)) = near
+            && off <= close
+        {
+            return at;
+        }
+        if self.places.is_empty() {
+            self.places = places(surface);
+        }
+        let mut order: Vec<(f64, [f64; 2])> = self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
+        let few = order.len().min(6);
+        if few > 0 {
+            order.select_nth_unstable_by(few - 1, |a, b| a.0.total_cmp(&b.0));
+        }
+        let found = order[..few].iter().map(|(_, at)| foot(surface, p, *at, &self.periods));
+        let best = found.chain(near).min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or([0.0; 2], |(_, at)| at)
+    }
+}
+
+/// Parameters of a point on an elementary surface, on the other side of the axis where the surface has crossed it: beyond the tip of a cone, and inside a torus whose tube is
+/// wider than its ring.
+fn elementary(surface: &brep::Surface, p: [f64; 3]) -> [f64; 2] {
+    let [u, v] = surface.parameters(p);
+    let beyond = match *surface {
+        brep::Surface::Cone { .. } => (v < surface.range_v()[0]).then_some([u + PI, v]),
+        brep::Surface::Torus {
+            center,
+            axis,
+            major,
+            minor,
+            ..
+        } if minor > major => {
+            let d = sub(p, center);
+            let h = dot(d, axis);
+            let across = norm(add_scaled(d, -h, axis));
+            Some([u + PI, h.atan2(-across - major)])
+        }
+        _ => None,
+    };
+    let off = |at: [f64; 2]| distance(p, surface.point(at));
+    beyond.filter(|b| off(*b) < off([u, v])).unwrap_or([u, v])
+}
+
+/// The parameter of a curve that is turned about an axis: of a line in closed form by its height or its radius, of others by the shortest residual.
+fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
+    // Derivatives of radius and height by differences.
+    let mut best = (f64::MAX, 0.0);
+    let ends = match curve {
+        Curve::Line { .. } => {
+            // Residuals change at most linearly: Newton's steps from two sides find both places of equal radius.
+            vec![guess.unwrap_or(0.0), -1.0, 1.0]
+        }
+        _ => {
+            let [lo, hi] = curve.domain();
+            let n = 8 * curve.breaks([lo, hi]).len();
+            guess
+                .into_iter()
+                .chain((0..=n).map(|k| lo + (hi - lo) * k as f64 / n as f64))
+                .collect()
+        }
+    };
+    let square = |t: f64| {
+        let r = residual(curve.point(t));
+        dot(r, r)
+    };
+    let mut order: Vec<(f64, f64)> = ends.into_iter().map(|t| (square(t), t)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [lo, hi] = match (curve, curve.period()) {
+        (Curve::Spline(spline), None) => spline.domain(),
+        _ => [f64::NEG_INFINITY, f64::INFINITY],
+    };
+    for (_, start) in order.into_iter().take(4) {
+        let mut t = start;
+        let mut value = square(t);
+        for _ in 0..40 {
+            let h = 1e-6 * (1.0 + t.abs());
+            let (a, b) = ((t - h).max(lo), (t + h).min(hi));
+            let r = residual(curve.point(t));
+            let d = scale(1.0 / (b - a), sub(residual(curve.point(b)), residual(curve.point(a))));
+            let mut step = -dot(r, d) / dot(d, d).max(f64::MIN_POSITIVE);
+            let mut next = (t + step).clamp(lo, hi);
+            for _ in 0..30 {
+                if square(next) <= value {
+                    break;
+                }
+                step *= 0.5;
+                next = (t + step).clamp(lo, hi);
+            }
+            let better = square(next);
+            if better >= value {
+                break;
+            }
+            let is_still = (next - t).abs() <= 1e-14 * (1.0 + t.abs());
+            (t, value) = (next, better);
+            if is_still {
+                break;
+            }
+        }
+        if value < best.0 {
+            best = (value, t);
+        }
+    }
+    best.1
+}
+
+/// Places all over a spline.
+fn places(surface: &Surface) -> Vec<([f64; 2], [f64; 3])> {
+    let Surface::Spline(spline) = surface else {
+        return Vec::new();
+    };
+    let lines = [0, 1].map(|k| {
+        let breaks = spline.breaks(k);
+        let wanted = (breaks.len() - 1) * 2 * spline.degrees()[k];
+        let [lo, hi] = spline.domain()[k];
+        let n = wanted.clamp(4, MOST_PLACES);
+        (0..=n)
+            .map(|i| lo + (hi - lo) * i as f64 / n as f64)
+            .collect::<Vec<f64>>()
+    });
+    let mut found = Vec::with_capacity(lines[0].len() * lines[1].len());
+    for u in &lines[0] {
+        for v in &lines[1] {
+            found.push(([*u, *v], spline.at([*u, *v]).0));
+        }
+    }
+    found
+}
+
+/// The foot of a point near parameters, by damped Gauss–Newton steps: its distance and its parameters.
+fn foot(surface: &Surface, p: [f64; 3], start: [f64; 2], periods: &[Option<f64>; 2]) -> (f64, [f64; 2]) {
+    let domain = surface.domain();
+    let inside = |at: [f64; 2]| {
+        [0, 1].map(|k| match (periods[k], domain[k]) {
+            (None, Some([lo, hi])) => at[k].clamp(lo, hi),
+            _ => at[k],
+        })
+    };
+    let mut at = inside(start);
+    let (mut q, mut slopes) = surface.at(at);
+    let mut value = distance(p, q);
+    let mut damping = 1e-9;
+    for _ in 0..60 {
+        let r = sub(p, q);
+        let [a, b] = slopes;
+        let (aa, ab, bb) = (dot(a, a), dot(a, b), dot(b, b));
+        let (m, n) = (aa * (1.0 + damping) + 1e-300, bb * (1.0 + damping) + 1e-300);
+        let determinant = m * n - ab * ab;
+        let (x, y) = (dot(r, a), dot(r, b));
+        let step = match determinant > 1e-14 * m * n {
+            true => [(x * n - y * ab) / determinant, (y * m - x * ab) / determinant],
+            false => [x / (2.0 * m), y / (2.0 * n)],
+        };
+        let next = inside([at[0] + step[0], at[1] + step[1]]);
+        let moved = [0, 1].map(|k| (next[k] - at[k]).abs());
+        let (to, to_slopes) = surface.at(next);
+        let off = distance(p, to);
+        if off <= value {
+            let is_still = moved[0] * aa.sqrt() + moved[1] * bb.sqrt() <= 1e-13 * (1.0 + norm(q));
+            (at, q, slopes, value) = (next, to, to_slopes, off);
+            damping = (damping * 0.1).max(1e-12);
+            if is_still {
+                break;
+            }
+        } else {
+            damping = (damping * 10.0).max(1e-6);
+            if damping > 1e8 {
+                break;
+            }
+        }
+    }
+    (value, at)
+}

@@ -1,0 +1,374 @@
+use super::*;
+use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
+use planish_mesh::TriangleMesh;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+const FINE: Fineness = Fineness {
+    chord: 1e-3,
+    longest: f64::INFINITY,
+};
+
+fn elementary(surface: crate::brep::Surface) -> Surface {
+    Surface::Elementary(surface)
+}
+
+fn sphere() -> Surface {
+    elementary(crate::brep::Surface::Sphere {
+        center: [1.0, 2.0, 3.0],
+        axis: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+        radius: 2.0,
+    })
+}
+
+fn torus() -> Surface {
+    elementary(crate::brep::Surface::Torus {
+        center: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+        major: 3.0,
+        minor: 1.0,
+    })
+}
+
+/// A circle about an axis, as a closed edge from where its parameter is 0.
+fn circle(shape: &mut Shape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
+    shape.vertices.push(add_scaled(center, 1.0, a));
+    let v = shape.vertices.len() - 1;
+    shape.edges.push(Edge {
+        curve: Curve::Ellipse { center, a, b },
+        ends: [v, v],
+        is_forward: true,
+    });
+    shape.edges.len() - 1
+}
+
+fn face(surface: Surface, is_outward: bool, loops: Vec<Vec<(usize, bool)>>) -> Face {
+    Face {
+        name: "face".to_owned(),
+        surface,
+        is_outward,
+        loops,
+    }
+}
+
+/// The one part of a shape, its area and what the check of its mesh says.
+fn meshed(shape: &Shape, fineness: &Fineness) -> (TriangleMesh, f64, planish_mesh::MeshCheck) {
+    let made = shape.triangles(fineness).unwrap();
+    assert!(made.left_out.is_empty(), "{:?}", made.left_out);
+    assert_eq!(made.parts.len(), 1);
+    let part = made.parts[0].clone();
+    let mesh = TriangleMesh::try_new(part.positions, part.triangles).unwrap();
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        0.5 * norm(cross(sub(b, a), sub(c, a)))
+    };
+    let area = mesh.triangles.iter().map(area).sum();
+    let check = mesh.check();
+    assert!(check.manifold && check.oriented, "{check:?}");
+    (mesh, area, check)
+}
+
+fn near(found: f64, truth: f64, share: f64) {
+    assert!((found / truth - 1.0).abs() < share, "{found} is not {truth}");
+}
+
+#[test]
+fn whole_spheres_and_tori_close_and_face_outwards() {
+    for (surface, area, volume) in [
+        (sphere(), 16.0 * PI, 32.0 / 3.0 * PI),
+        (torus(), 12.0 * PI * PI, 6.0 * PI * PI),
+    ] {
+        for (outward, sign) in [(true, 1.0), (false, -1.0)] {
+            let mut shape = Shape::default();
+            shape.faces.push(face(surface.clone(), outward, Vec::new()));
+            let (mesh, found, check) = meshed(&shape, &FINE);
+            assert!(check.watertight);
+            near(found, area, 2e-3);
+            near(mesh.signed_volume().unwrap(), sign * volume, 2e-3);
+        }
+    }
+}
+
+#[test]
+fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
+    // The circle of latitude 30° of a ball of radius 2 about (1, 2, 3), seen from above counter-clockwise.
+    let (r, h) = (2.0 * (PI / 6.0).cos(), 1.0);
+    for (is_outward, forward, is_upper) in [
+        (true, true, true),
+        (true, false, false),
+        (false, true, false),
+        (false, false, true),
+    ] {
+        let mut shape = Shape::default();
+        let edge = circle(&mut shape, [1.0, 2.0, 3.0 + h], [r, 0.0, 0.0], [0.0, r, 0.0]);
+        shape
+            .faces
+            .push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
+        let (mesh, area, check) = meshed(&shape, &FINE);
+        assert_eq!(check.boundary_loops, 1);
+        near(area, if is_upper { 4.0 * PI } else { 12.0 * PI }, 3e-3);
+        let top = mesh.positions.iter().map(|p| p[2]).fold(f64::MIN, f64::max);
+        assert!((top > 4.9) == is_upper, "{top}");
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+            let out = dot(cross(sub(b, a), sub(c, a)), sub(a, [1.0, 2.0, 3.0]));
+            assert!((out > 0.0) == is_outward || out.abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn a_ball_less_a_cap_beside_the_poles_is_all_but_the_cap() {
+    // A cap of half an angle of 0.5 about the direction (1, 0, 0).
+    let (cos, sin) = (0.5_f64.cos(), 0.5_f64.sin());
+    for (forward, share) in [(false, 0.5 * (1.0 + cos)), (true, 0.5 * (1.0 - cos))] {
+        let mut shape = Shape::default();
+        let center = [1.0 + 2.0 * cos, 2.0, 3.0];
+        let edge = circle(&mut shape, center, [0.0, 2.0 * sin, 0.0], [0.0, 0.0, 2.0 * sin]);
+        shape.faces.push(face(sphere(), true, vec![vec![(edge, forward)]]));
+        let (_, area, check) = meshed(&shape, &FINE);
+        near(area, 16.0 * PI * share, 3e-3);
+        assert_eq!((check.boundary_loops, check.euler_characteristic), (1, 1));
+    }
+}
+
+#[test]
+fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
+    // The outer and the inner half, between the circles of height ±1.
+    for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
+        let mut shape = Shape::default();
+        let loops = [-1.0, 1.0]
+            .map(|z| {
+                (
+                    circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]),
+                    (z < 0.0) == up,
+                )
+            })
+            .map(|coedge| vec![coedge]);
+        shape.faces.push(face(torus(), true, loops.to_vec()));
+        let (_, found, _) = meshed(&shape, &FINE);
+        near(found, 2.0 * area, 3e-3);
+    }
+    // A loop around the tube twice: half of the ring.
+    for (forward, third) in [(true, 1.0 / 3.0), (false, 2.0 / 3.0)] {
+        let mut shape = Shape::default();
+        let mut ring = |angle: f64| {
+            let out = [angle.cos(), angle.sin(), 0.0];
+            circle(&mut shape, scale(3.0, out), out, [0.0, 0.0, 1.0])
+        };
+        let edges = [ring(0.0), ring(TAU / 3.0)];
+        // v grows to the left of −u: the first circle has larger angles to its right where it runs on.
+        let loops = vec![vec![(edges[0], !forward)], vec![(edges[1], forward)]];
+        shape.faces.push(face(torus(), true, loops));
+        let (_, found, _) = meshed(&shape, &FINE);
+        near(found, 12.0 * PI * PI * third, 3e-3);
+    }
+}
+
+#[test]
+fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
+    let cylinder = elementary(crate::brep::Surface::Cylinder {
+        origin: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+        radius: 2.0,
+    });
+    for ways in [[true, false], [false, true], [true, true], [false, false]] {
+        let mut shape = Shape::default();
+        let at = |shape: &mut Shape, z: f64| circle(shape, [0.0, 0.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+        let loops = [at(&mut shape, 0.0), at(&mut shape, 5.0)];
+        let loops = vec![vec![(loops[0], ways[0])], vec![(loops[1], ways[1])]];
+        shape.faces.push(face(cylinder.clone(), true, loops));
+        let (mesh, area, check) = meshed(&shape, &FINE);
+        near(area, 20.0 * PI, 1e-3);
+        assert_eq!(check.boundary_loops, 2);
+        let [a, b, c] = mesh.triangles[0].map(|v| mesh.positions[v as usize]);
+        assert!(dot(cross(sub(b, a), sub(c, a)), [a[0], a[1], 0.0]) > 0.0);
+    }
+    // One loop alone bounds nothing.
+    let mut shape = Shape::default();
+    let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
+    let made = shape.triangles(&FINE).unwrap();
+    assert!(
+        made.left_out[0].reason.contains("one loop runs around it"),
+        "{:?}",
+        made.left_out
+    );
+}
+
+#[test]
+fn a_cone_reaches_its_tip_and_beyond() {
+    let cone = elementary(crate::brep::Surface::Cone {
+        origin: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+        radius: 1.0,
+        half_angle_rad: PI / 4.0,
+    });
+    let mut shape = Shape::default();
+    let edge = circle(&mut shape, [0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    shape.faces.push(face(cone.clone(), true, vec![vec![(edge, false)]]));
+    let (mesh, area, _) = meshed(&shape, &FINE);
+    near(area, 4.0 * PI * 2_f64.sqrt(), 1e-3);
+    assert!(mesh.positions.iter().any(|p| norm(sub(*p, [0.0, 0.0, -1.0])) < 1e-12));
+    // On the other side of the tip radii are negative, and angles turned by half a turn.
+    let mut shape = Shape::default();
+    let loops = [-2.0, -4.0].map(|z: f64| {
+        let r = -1.0 - z;
+        vec![(circle(&mut shape, [0.0, 0.0, z], [r, 0.0, 0.0], [0.0, r, 0.0]), true)]
+    });
+    shape.faces.push(face(cone, true, loops.to_vec()));
+    let (_, area, _) = meshed(&shape, &FINE);
+    near(area, 8.0 * PI * 2_f64.sqrt(), 1e-3);
+}
+
+/// Half a circle of radius 2 from pole to pole as a rational spline, turned about the axis between them: a ball.
+fn turned_spline() -> (Surface, SplineCurve) {
+    let h = 0.5_f64.sqrt();
+    let poles = [
+        [0.0, 0.0, -2.0],
+        [2.0, 0.0, -2.0],
+        [2.0, 0.0, 0.0],
+        [2.0, 0.0, 2.0],
+        [0.0, 0.0, 2.0],
+    ];
+    let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
+    let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
+    let surface = Surface::Revolution {
+        curve: Curve::Spline(half.clone()),
+        origin: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+    };
+    (surface, half)
+}
+
+#[test]
+fn a_profile_between_poles_turned_is_a_ball_and_beside_it_a_larger_one() {
+    let (ball, _) = turned_spline();
+    assert_eq!(ball.poles().len(), 2);
+    let beside = Surface::Offset {
+        base: Box::new(ball.clone()),
+        distance: 0.5,
+    };
+    for (surface, r) in [(ball, 2.0), (beside, 2.5)] {
+        let mut shape = Shape::default();
+        shape.faces.push(face(surface, true, Vec::new()));
+        let (mesh, area, check) = meshed(&shape, &FINE);
+        assert!(check.watertight);
+        near(area, 4.0 * PI * r * r, 2e-3);
+        near(mesh.signed_volume().unwrap(), 4.0 / 3.0 * PI * r * r * r, 3e-3);
+    }
+}
+
+#[test]
+fn feet_on_every_kind_of_surface_are_those_of_its_points() {
+    let (ball, profile) = turned_spline();
+    let wave: Vec<[f64; 3]> = (0..36)
+        .map(|k| {
+            let (i, j) = (f64::from(k / 6), f64::from(k % 6));
+            [i, j, (1.3 * i).sin() * (0.9 * j).cos()]
+        })
+        .collect();
+    let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+    let sheet = SplineSurface::try_new([3, 3], [knots.clone(), knots], &wave, None).unwrap();
+    let surfaces = [
+        Surface::Spline(Box::new(sheet)),
+        ball,
+        Surface::Extrusion {
+            curve: Curve::Spline(profile),
+            along: [0.3, 1.0, 0.1],
+        },
+        Surface::Revolution {
+            curve: Curve::Line {
+                origin: [2.0, 0.0, 0.0],
+                along: [0.5, 1.0, 2.0],
+            },
+            origin: [0.0; 3],
+            axis: [0.0, 0.0, 1.0],
+        },
+        sphere(),
+        torus(),
+    ];
+    for surface in surfaces {
+        let mut feet = surface::Feet::new(&surface);
+        for k in 0..200 {
+            let (a, b) = (f64::from(k % 14) / 14.0, f64::from(k % 11) / 11.0);
+            let at = [0.1 + 2.7 * a, 0.1 + 1.2 * b];
+            let (p, [u, v]) = surface.at(at);
+            let n = cross(u, v);
+            let off = add_scaled(p, 0.02 / norm(n), n);
+            let guess = (k % 2 == 0).then(|| [at[0] + 0.05, at[1] - 0.04]);
+            let found = feet.of(off, guess, 1e-3);
+            let miss = norm(sub(surface.point(found), p));
+            assert!(miss < 1e-6, "{} at {at:?}: {found:?} is {miss} off", surface.kind());
+        }
+    }
+}
+
+#[test]
+fn faces_that_are_written_apart_share_edges_once_welded() {
+    // Two squares side by side, each with vertices and edges of its own, one of them off by a millionth.
+    let mut shape = Shape::default();
+    for (k, x) in [0.0, 1.0 + 1e-6].into_iter().enumerate() {
+        let corners = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
+        shape.vertices.extend(corners);
+        let mut ring = Vec::new();
+        for side in 0..4 {
+            let ends = [4 * k + side, 4 * k + (side + 1) % 4];
+            let [from, to] = ends.map(|v| shape.vertices[v]);
+            shape.edges.push(Edge {
+                curve: Curve::Line {
+                    origin: from,
+                    along: sub(to, from),
+                },
+                ends,
+                is_forward: true,
+            });
+            ring.push((shape.edges.len() - 1, true));
+        }
+        let plane = elementary(crate::brep::Surface::Plane {
+            origin: [0.0; 3],
+            normal: [0.0, 0.0, 1.0],
+            x: [1.0, 0.0, 0.0],
+        });
+        shape.faces.push(face(plane, true, vec![ring]));
+    }
+    assert_eq!(shape.triangles(&FINE).unwrap().parts.len(), 2);
+    shape.weld(1e-5);
+    let even = Fineness { longest: 0.11, ..FINE };
+    let (mesh, area, check) = meshed(&shape, &even);
+    near(area, 2.0, 1e-5);
+    assert_eq!((check.boundary_loops, check.components), (1, 1));
+    assert!(mesh.triangles.len() > 300);
+    let longest = mesh.triangles.iter().flat_map(|t| {
+        let p = t.map(|v| mesh.positions[v as usize]);
+        [norm(sub(p[0], p[1])), norm(sub(p[1], p[2])), norm(sub(p[2], p[0]))]
+    });
+    assert!(longest.fold(0.0, f64::max) < 2.0 * 0.11);
+}
+
+#[test]
+fn what_does_not_fit_is_an_error_or_left_out() {
+    let mut shape = Shape::default();
+    assert!(shape.triangles(&Fineness { chord: 0.0, ..FINE }).is_err());
+    shape.faces.push(face(sphere(), true, vec![vec![(3, true)]]));
+    assert_eq!(shape.triangles(&FINE).unwrap_err().to_string(), "there is no edge 3");
+    // A loop far from its surface.
+    let mut shape = Shape::default();
+    let edge = circle(&mut shape, [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+    shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
+    let made = shape.triangles(&FINE).unwrap();
+    assert!(made.parts.is_empty() && made.left_out[0].reason.contains("off its surface"));
+    // A plane that nothing bounds.
+    let plane = elementary(crate::brep::Surface::Plane {
+        origin: [0.0; 3],
+        normal: [0.0, 0.0, 1.0],
+        x: [1.0, 0.0, 0.0],
+    });
+    let mut shape = Shape::default();
+    shape.faces.push(face(plane, true, Vec::new()));
+    assert_eq!(shape.triangles(&FINE).unwrap().left_out[0].reason, "nothing bounds it");
+    assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));
+}

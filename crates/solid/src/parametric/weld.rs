@@ -1,0 +1,97 @@
+//! Vertices and edges that are written more than once, made one.
+
+use super::{Edge, Shape};
+use planish_estimate::vector3::distance;
+use std::collections::HashMap;
+
+/// Numbers of points of which those nearer than a tolerance to an earlier one are that one.
+fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
+    let side = tolerance.max(f64::MIN_POSITIVE) * 2.0;
+    let cell = |p: [f64; 3]| p.map(|x| (x / side).floor());
+    let mut cells: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
+    let key = |c: [f64; 3]| c.map(|x| (x + 0.0).to_bits());
+    let mut same = Vec::with_capacity(points.len());
+    for (k, p) in points.iter().enumerate() {
+        let at = cell(*p);
+        let mut found = None;
+        'search: for dx in [0.0, -1.0, 1.0] {
+            for dy in [0.0, -1.0, 1.0] {
+                for dz in [0.0, -1.0, 1.0] {
+                    let beside = key([at[0] + dx, at[1] + dy, at[2] + dz]);
+                    let mut there = cells.get(&beside).into_iter().flatten();
+                    if let Some(other) = there.find(|o| distance(points[**o], *p) <= tolerance) {
+                        found = Some(*other);
+                        break 'search;
+                    }
+                }
+            }
+        }
+        if found.is_none() {
+            cells.entry(key(at)).or_default().push(k);
+        }
+        same.push(found.unwrap_or(k));
+    }
+    same
+}
+
+impl Shape {
+    /// Makes vertices that are nearer than a tolerance one, and edges that run the same way between the same vertices: many programs write faces that share neither.
+    pub fn weld(&mut self, tolerance: f64) {
+        let vertex = same_points(&self.vertices, tolerance);
+        for edge in &mut self.edges {
+            edge.ends = edge.ends.map(|v| vertex[v]);
+        }
+        let middles: Vec<[f64; 3]> = self.edges.iter().map(|e| self.middle(e)).collect();
+        let mut between: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
+        let mut same: Vec<(usize, bool)> = Vec::with_capacity(self.edges.len());
+        for (k, edge) in self.edges.iter().enumerate() {
+            let [a, b] = edge.ends;
+            let candidates = between.entry([a.min(b), a.max(b)]).or_default();
+            // Middles are known to less than ends, as parameters of two curves differ.
+            let size = distance(self.vertices[a], middles[k]).max(tolerance);
+            let near = (10.0 * tolerance).max(1e-6 * size);
+            let found = candidates.iter().find(|o| distance(middles[**o], middles[k]) <= near);
+            match found {
+                Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),
+                Some(other) => same.push((*other, self.runs_back(&self.edges[*other], edge))),
+                None => {
+                    candidates.push(k);
+                    same.push((k, false));
+                }
+            }
+        }
+        for (edge, forward) in self.faces.iter_mut().flat_map(|f| &mut f.loops).flatten() {
+            let (other, is_turned) = same[*edge];
+            *edge = other;
+            *forward ^= is_turned;
+        }
+    }
+
+    fn span(&self, edge: &Edge) -> [f64; 2] {
+        let [a, b] = edge.ends;
+        let [from, to] = [a, b].map(|v| self.vertices[v]);
+        let ends = if edge.is_forward { [from, to] } else { [to, from] };
+        edge.curve.range(ends, a == b)
+    }
+
+    fn middle(&self, edge: &Edge) -> [f64; 3] {
+        let [from, to] = self.span(edge);
+        edge.curve.point(0.5 * (from + to))
+    }
+
+    /// Whether two closed edges in one place run against each other.
+    fn runs_back(&self, one: &Edge, other: &Edge) -> bool {
+        let early = |edge: &Edge| {
+            let [from, to] = self.span(edge);
+            let share = if edge.is_forward { 0.2 } else { 0.8 };
+            edge.curve.point(from + share * (to - from))
+        };
+        let late = |edge: &Edge| {
+            let [from, to] = self.span(edge);
+            let share = if edge.is_forward { 0.8 } else { 0.2 };
+            edge.curve.point(from + share * (to - from))
+        };
+        let p = early(one);
+        distance(p, late(other)) < distance(p, early(other))
+    }
+}
