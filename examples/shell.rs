@@ -41,6 +41,7 @@ fn main() -> Result<()> {
         metaball: Metaball::Triangular,
         outline_step_px: 5.0,
         believe_sigma: false,
+        rough_start: false,
         outputs: vec![PathBuf::from("fitted.ply")],
         report: None,
         unit: Some(Unit::Millimetre),

@@ -73,6 +73,9 @@ pub struct ShellFitArgs {
     /// Take every stated σ for true, instead of finding one factor for points and one for outlines
     #[arg(long)]
     pub believe_sigma: bool,
+    /// Take the mesh for a rough start, such as an ellipsoid: before the fit it flows out where masks are not covered, is cut where they show nothing, and is meshed anew. It has to be closed; its texture is lost
+    #[arg(long, requires = "silhouettes", conflicts_with_all = ["rigid", "controls_file", "family"])]
+    pub rough_start: bool,
     /// The report.
     #[command(flatten)]
     pub page: ReportArgs,
@@ -125,6 +128,7 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         blend: args.blend,
         outline_step_px: args.outline_step,
         believe_sigma: args.believe_sigma,
+        rough_start: args.rough_start,
         outputs: args.output.clone(),
         report: args.page.output(&args.common),
         unit: args.common.unit.map(Into::into),

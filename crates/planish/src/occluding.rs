@@ -288,7 +288,8 @@ fn mask_options(view: &ViewFile) -> SilhouetteOptions {
     }
 }
 
-fn contour_view(view: &ViewFile) -> Result<ContourView> {
+/// What a view of a file saw.
+pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let options = mask_options(view);
     let outline = match &view.mask {
         Some(path) => outlines(&read_brightness(path)?, &options).map_err(|e| e.in_context(path.display()))?,

@@ -32,7 +32,7 @@ mod outline;
 #[cfg(test)]
 mod tests;
 
-pub use hull::VisualHull;
+pub use hull::{SilhouetteBound, VisualHull};
 pub use outline::{Contour, outlines};
 
 use crate::Scan;

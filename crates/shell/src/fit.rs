@@ -65,6 +65,9 @@ pub struct ShellFitOptions {
     pub stiffness: Option<DMatrix<f64>>,
     /// Parameters where the fit starts, and from which on displacements are to be smooth; the prior's mean, or none, where it is not given.
     pub start: Option<DVector<f64>>,
+    /// σ by which every control may be off at the start, in the unit of the mesh, where the start is known to be near: smoothness then weighs no more than displacements of that size allow, however well the start fits, and no iteration is
+    /// stiffer. For a start that was made of the readings themselves, whose agreement with them is no proof of it.
+    pub start_sigma: Option<f64>,
     /// What is known of the parameters before.
     pub prior: Option<ParameterPrior>,
     /// Facets that spherical shells are subdivided into, at most.
@@ -82,6 +85,7 @@ impl Default for ShellFitOptions {
             believe_sigma: false,
             stiffness: None,
             start: None,
+            start_sigma: None,
             prior: None,
             most_facets: 200_000,
         }
@@ -228,6 +232,11 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
                 q.len()
             )));
         }
+    }
+    if let Some(sigma) = options.start_sigma.filter(|sigma| !(sigma.is_finite() && *sigma > 0.0)) {
+        return Err(Error::input(format!(
+            "σ of the start is a positive length, got {sigma}"
+        )));
     }
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {

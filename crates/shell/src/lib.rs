@@ -13,6 +13,7 @@ mod field;
 mod fit;
 mod isosurface;
 mod natural_neighbour;
+mod renewed;
 mod skeleton;
 
 pub use camera::Camera;
@@ -30,3 +31,4 @@ pub use fit::{
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
+pub use renewed::{Bound, Renewal, local_means, renewed};

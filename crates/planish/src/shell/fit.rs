@@ -6,6 +6,7 @@
 
 pub(super) mod input;
 mod report;
+mod rough_start;
 
 use super::looks::{Known, picture_of, write_moved};
 use super::overlap::intersection_over_union;
@@ -74,6 +75,8 @@ pub struct ShellFitJob {
     pub outline_step_px: f64,
     /// Whether σ of points and outlines are what is stated.
     pub believe_sigma: bool,
+    /// Whether the mesh is only a start: it then flows out where masks are not covered, is cut where they show nothing, and made anew before the fit.
+    pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
     /// A page that shows what was found.
@@ -142,6 +145,19 @@ pub struct FrameReport {
     pub sigma: f64,
 }
 
+/// What became of a rough start before the fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlowReport {
+    /// How often the mesh was made anew.
+    pub rounds: usize,
+    /// Facets of the mesh that was fitted.
+    pub facets: usize,
+    /// Its parts.
+    pub parts: usize,
+    /// How far it agreed with each mask.
+    pub iou: BTreeMap<String, f64>,
+}
+
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ShellFitReport {
@@ -180,6 +196,9 @@ pub struct ShellFitReport {
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,
+    /// What became of a rough start before the fit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flow: Option<FlowReport>,
     /// Frames of a sequence; all above is of the last.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub frames: Vec<FrameReport>,
@@ -207,6 +226,11 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     let mut inputs = vec![job.mesh.clone()];
     inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
     let frames = match &job.sequence {
+        Some(_) if job.rough_start => {
+            return Err(Error::input(
+                "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
+            ));
+        }
         Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => {
             return Err(Error::input(
                 "a sequence holds its points and silhouettes in the folders of its frames",
@@ -231,7 +255,17 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     }
     progress.check("reading", 0.0)?;
     let mut units = Units::of(job.unit);
-    let (mut mesh, looks) = read_template(job, &mut units)?;
+    let (mut mesh, mut looks) = read_template(job, &mut units)?;
+    inputs.extend(looks.files.iter().cloned());
+    let mut warnings = looks.warnings.clone();
+    let given_mesh = mesh.clone();
+    let (mut flow, mut start_sigma) = (None, Vec::new());
+    if job.rough_start {
+        progress.check("flowing", 0.02)?;
+        let made = rough_start::flown(job, mesh, &mut units)?;
+        looks = rough_start::without_looks(looks, &made.mesh, &mut warnings);
+        (mesh, start_sigma, flow) = (made.mesh, made.sigma, Some(made.report));
+    }
     let Moved {
         deformation,
         stiffness,
@@ -245,14 +279,16 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         stiffness,
         prior,
         iterations: 20,
-        ..ShellFitOptions::default()
+        ..match job.rough_start {
+            true => rough_start::options(size),
+            false => ShellFitOptions::default(),
+        }
     };
     let mut tracker = match &job.sequence {
         Some(_) => Some(ShellTracker::new(&mesh, &*deformation, options.clone())?),
         None => None,
     };
-    inputs.extend(looks.files.iter().cloned());
-    let (mut warnings, mut of_frames, mut last) = (looks.warnings.clone(), Vec::new(), None);
+    let (mut of_frames, mut last) = (Vec::new(), None);
     let picture = picture_of(&looks, &mut warnings);
     let mut written = Vec::new();
     for (k, files) in frames.iter().enumerate() {
@@ -282,7 +318,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             positions: made.positions.clone(),
             triangles: mesh.triangles.clone(),
         };
-        let (normals, sigma, observed) = report::known(&found, &made, &*deformation);
+        let (normals, sigma, observed) = report::known(&found, &made, &*deformation, &start_sigma);
         for output in &outputs[k] {
             let textured = TexturedMesh {
                 unit: Some(units.unit()),
@@ -316,7 +352,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     progress.check(WRITING_STAGE, 0.98)?;
     let (frame, made, iou, sigma, observed) = last.ok_or_else(|| Error::input("a sequence without frames"))?;
     let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
-    let iou_before = overlap(&frame, &mesh, &given);
+    let iou_before = overlap(&frame, &given_mesh, &given);
     let measured: Vec<f64> = (sigma.iter().zip(&observed))
         .filter(|(_, o)| **o == 1)
         .map(|(s, _)| *s)
@@ -351,6 +387,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         smoothness_weight: made.smoothness_weight,
         lack_of_fit: made.lack_of_fit,
         iterations: made.iterations,
+        flow,
         frames: of_frames,
         termination: match made.termination {
             Termination::Converged => "converged",

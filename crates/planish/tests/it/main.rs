@@ -18,6 +18,7 @@ mod poses;
 mod propagation;
 mod quantities;
 mod reports;
+mod rough_start;
 mod shape_left;
 mod shells;
 mod solids;

@@ -53,6 +53,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         metaball: Metaball::Triangular,
         outline_step_px: 5.0,
         believe_sigma: false,
+        rough_start: false,
         outputs: outputs.iter().map(|name| folder.join(name)).collect(),
         report: None,
         unit: None,

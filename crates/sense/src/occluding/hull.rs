@@ -1,13 +1,12 @@
 //! The visual hull: what every silhouette leaves of space.
 //!
-//! Comes in: views with closed silhouettes. Goes out: its surface as a mesh, whether a place is in it, and which share of its surface no contour touches.
+//! Comes in: views with closed silhouettes. Goes out: how deep a place is in it, its surface as a mesh, and which share of that no contour touches.
 //!
 //! No contour tells of what lies within the hull: a hollow that no line of sight passes without touching the thing elsewhere is filled in it (A. Laurentini, *The visual hull concept for silhouette-based image understanding*, PAMI 1994). The surface of the hull that no place of a contour is near to is therefore unseen: where views are too few, or where the thing is hollow.
 //!
 //! Not guaranteed: parts thinner than a cell.
 
-use super::matching::inside;
-use super::{ContourView, OccludingPoint};
+use super::{Contour, ContourView, OccludingPoint};
 use crate::stripes::Pinhole;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_estimate::vector3::{cross, distance, norm, sub};
@@ -21,9 +20,14 @@ const NEAREST: usize = 16;
 /// Distances in pixels are held up to this far from a border.
 const FAR_PX: f64 = 1e4;
 
+/// How deep places are within all silhouettes: the bound of the thing, without its surface.
+pub struct SilhouetteBound {
+    views: Vec<Distances>,
+}
+
 /// The hull of silhouettes.
 pub struct VisualHull {
-    views: Vec<Distances>,
+    bound: SilhouetteBound,
     /// Its surface, outwards.
     pub mesh: TriangleMesh,
     /// Side of its cells.
@@ -39,12 +43,12 @@ struct Distances {
     values: Vec<f32>,
 }
 
-impl VisualHull {
-    /// Of all views whose silhouettes are closed, in a box, with so many cells along its longest side.
+impl SilhouetteBound {
+    /// Of all views whose silhouettes are closed.
     ///
     /// # Errors
-    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within all; as [`isosurface`].
-    pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
+    /// `Undetermined` where they are fewer than two.
+    pub fn new(views: &[ContourView]) -> Result<Self> {
         let views: Vec<Distances> = (views.par_iter())
             .filter(|view| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed))
             .map(Distances::of)
@@ -55,24 +59,71 @@ impl VisualHull {
                 views.len()
             )));
         }
+        Ok(Self { views })
+    }
+
+    /// The least signed distance from a border over all views, in the unit of space at the place's distance: positive within all silhouettes.
+    #[must_use]
+    pub fn depth(&self, at: [f64; 3]) -> f64 {
+        (self.views.iter().map(|view| view.at(at))).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The depth that a place would have if the view that says least were not there: how far one view alone holds the bound back.
+    #[must_use]
+    pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
+        let depths = self.views.iter().map(|view| view.at(at));
+        let [_, second] = depths.fold([f64::INFINITY; 2], |[least, second], depth| {
+            [least.min(depth), second.min(depth.max(least))]
+        });
+        second
+    }
+
+    /// Whether the depth may be zero within `reach` of a place; never no where it is.
+    #[must_use]
+    pub fn may_end(&self, at: [f64; 3], reach: f64) -> bool {
+        // Distances in pixels change by no more than the perspective of the ball makes of them.
+        let mut on_border = false;
+        for view in &self.views {
+            let far = distance(view.camera.centre(), at);
+            if far <= 1.5 * reach {
+                return true;
+            }
+            let value = view.at(at);
+            let bound = 2.0 * reach * far / (far - reach);
+            if value < -bound {
+                return false;
+            }
+            on_border |= value < bound;
+        }
+        on_border
+    }
+}
+
+impl VisualHull {
+    /// Of all views whose silhouettes are closed, in a box, with so many cells along its longest side.
+    ///
+    /// # Errors
+    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within all; as [`isosurface`].
+    pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
+        let bound = SilhouetteBound::new(views)?;
         let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
         let cell = longest / cells.max(1) as f64;
         let mesh = isosurface(
             bounds,
             cell,
-            |at| -value(&views, at),
-            |at, reach| may_pass(&views, at, reach),
+            |at| -bound.depth(at),
+            |at, reach| bound.may_end(at, reach),
         )?;
         if mesh.triangles.is_empty() {
             return Err(Error::undetermined("nothing lies within all silhouettes"));
         }
-        Ok(Self { views, mesh, cell })
+        Ok(Self { bound, mesh, cell })
     }
 
     /// Whether a place is within all silhouettes.
     #[must_use]
     pub fn holds(&self, at: [f64; 3]) -> bool {
-        value(&self.views, at) > 0.0
+        self.bound.depth(at) > 0.0
     }
 
     /// The share of the hull's surface that no contour's place is near to: nearer than that one is to its neighbours, or than two cells.
@@ -101,29 +152,6 @@ impl VisualHull {
         let unseen: f64 = areas.iter().filter(|(_, seen)| !seen).map(|(a, _)| a).sum();
         unseen / all
     }
-}
-
-/// Least signed distance over all views, in the unit of space.
-fn value(views: &[Distances], at: [f64; 3]) -> f64 {
-    views.iter().map(|view| view.at(at)).fold(f64::INFINITY, f64::min)
-}
-
-fn may_pass(views: &[Distances], at: [f64; 3], reach: f64) -> bool {
-    // Distances in pixels change by no more than the perspective of the ball makes of them.
-    let mut on_border = false;
-    for view in views {
-        let far = distance(view.camera.centre(), at);
-        if far <= 1.5 * reach {
-            return true;
-        }
-        let value = view.at(at);
-        let bound = 2.0 * reach * far / (far - reach);
-        if value < -bound {
-            return false;
-        }
-        on_border |= value < bound;
-    }
-    on_border
 }
 
 impl Distances {
@@ -162,13 +190,15 @@ impl Distances {
                 squares[y * columns + x] = v;
             }
         }
-        let values = (squares.iter().enumerate())
-            .map(|(k, d)| {
-                let at = [first[0] + (k % columns) as f64, first[1] + (k / columns) as f64];
-                let sign = if inside(&view.silhouette, at) { 1.0 } else { -1.0 };
+        let mut values = Vec::with_capacity(squares.len());
+        for (y, row) in squares.chunks(columns).enumerate() {
+            let passed = crossings(&view.silhouette, first[1] + y as f64);
+            values.extend(row.iter().enumerate().map(|(x, d)| {
+                let before = passed.partition_point(|at| *at <= first[0] + x as f64);
+                let sign = if before % 2 == 1 { 1.0 } else { -1.0 };
                 (sign * d.sqrt()) as f32
-            })
-            .collect();
+            }));
+        }
         Self {
             camera: view.camera,
             first,
@@ -195,6 +225,17 @@ impl Distances {
             (1.0 - t) * ((1.0 - s) * v(i, j) + s * v(i + 1, j)) + t * ((1.0 - s) * v(i, j + 1) + s * v(i + 1, j + 1));
         (inside - outside) * width
     }
+}
+
+/// Where a row crosses closed contours, in order: behind an odd number of them it is within.
+fn crossings(contours: &[Contour], y: f64) -> Vec<f64> {
+    let mut found: Vec<f64> = (contours.iter())
+        .flat_map(|c| c.places.iter().zip(c.places.iter().cycle().skip(1)))
+        .filter(|(p, q)| (p[1] > y) != (q[1] > y))
+        .map(|(p, q)| p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0]))
+        .collect();
+    found.sort_by(f64::total_cmp);
+    found
 }
 
 /// `min_q (f(q) + (p − q)²)` for every `p`.

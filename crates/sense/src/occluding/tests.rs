@@ -340,6 +340,25 @@ fn the_hull_says_what_no_contour_saw() {
         assert!(norm(*p) > 0.97 && norm(*p) < 1.25, "{}", norm(*p));
     }
     assert!(hull.holds([0.0, 0.9, 0.0]) && !hull.holds([0.0, 1.1, 0.0]));
+    // Without one view more is left, and a place within all is as deep as before or deeper.
+    let bound = SilhouetteBound::new(&views).unwrap();
+    for p in hull.mesh.positions.iter().step_by(7) {
+        assert!(
+            bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p),
+            "{p:?}"
+        );
+        let fewer = |left_out: usize| {
+            let rest: Vec<ContourView> = (views.iter().enumerate())
+                .filter(|(k, _)| *k != left_out)
+                .map(|(_, view)| view.clone())
+                .collect();
+            SilhouetteBound::new(&rest).unwrap().depth(*p)
+        };
+        if p[0] > 1.0 {
+            let most = (0..views.len()).map(fewer).fold(f64::NEG_INFINITY, f64::max);
+            assert!((bound.depth_without_one(*p) - most).abs() < 1e-12, "{p:?}");
+        }
+    }
     let unseen = hull.unseen_share(&all.points);
     let few = run(&views[..6]).unwrap();
     let more = hull.unseen_share(&few.points);

@@ -19,10 +19,13 @@ pub(super) struct Smoothness {
     pub stiffness: DMatrix<f64>,
     rank: usize,
     weight: f64,
+    /// The weight at most.
+    most: f64,
 }
 
 impl Smoothness {
-    pub(super) fn new(stiffness: DMatrix<f64>) -> Result<Self> {
+    /// A prior whose weight is at most that of displacements of `start_sigma`, all independent: those have a roughness of `σ² tr K`, and the prior expects `rank(K)/λ`.
+    pub(super) fn new(stiffness: DMatrix<f64>, start_sigma: Option<f64>) -> Result<Self> {
         let (own, times) = match of_one_coordinate(&stiffness) {
             Some(own) => (own, 3),
             None => (stiffness.clone(), 1),
@@ -32,10 +35,13 @@ impl Smoothness {
         if eigen.iter().any(|e| *e < -1e-8 * largest) {
             return Err(Error::input("the stiffness of controls is not positive semidefinite"));
         }
+        let rank = times * eigen.iter().filter(|e| **e > 1e-10 * largest).count();
+        let most = start_sigma.map_or(f64::INFINITY, |sigma| rank as f64 / (sigma * sigma * stiffness.trace()));
         Ok(Self {
-            rank: times * eigen.iter().filter(|e| **e > 1e-10 * largest).count(),
+            rank,
             stiffness,
             weight: 0.0,
+            most,
         })
     }
 
@@ -58,7 +64,7 @@ impl Smoothness {
             return Err(undetermined());
         }
         if self.weight == 0.0 {
-            self.weight = 0.01 * natural;
+            self.weight = (0.01 * natural).min(self.most);
         }
         let target = information * q + vector;
         let model = SmoothnessModel {
@@ -81,7 +87,9 @@ impl Smoothness {
                 log_determinant: 0.0,
                 trace: Some(factor.inverse().dot(&self.stiffness)),
             };
-            let next = (model.fellner_schall_update(self.weight, &evaluation)?).clamp(1e-8 * natural, 1e8 * natural);
+            let next = (model.fellner_schall_update(self.weight, &evaluation)?)
+                .clamp(1e-8 * natural, 1e8 * natural)
+                .min(self.most);
             let change = (next / self.weight).ln().abs();
             self.weight = next;
             if change < 0.02 {
@@ -102,4 +110,33 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let same = (0..size)
         .all(|j| (0..size).all(|i| stiffness[(i, j)] == if i % 3 == j % 3 { own[(i / 3, j / 3)] } else { 0.0 }));
     same.then_some(own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed; with σ of the start they do not.
+    #[test]
+    fn a_start_made_of_the_readings_is_not_believed() {
+        let count = 10;
+        let mut bending = DMatrix::zeros(count, count);
+        for i in 1..count - 1 {
+            let row = DVector::from_fn(count, |k, _| match k.abs_diff(i) {
+                0 => -2.0,
+                1 => 1.0,
+                _ => 0.0,
+            });
+            bending += &row * row.transpose();
+        }
+        let information = DMatrix::identity(count, count);
+        let nothing = DVector::zeros(count);
+        let weight = |start_sigma| {
+            let mut smooth = Smoothness::new(bending.clone(), start_sigma).unwrap();
+            smooth.weight(&information, &nothing, &nothing).unwrap()
+        };
+        let (free, held) = (weight(None), weight(Some(2.0)));
+        assert!((held - 8.0 / (4.0 * bending.trace())).abs() < 1e-9, "{held}");
+        assert!(free > 1e3 * held, "{free} {held}");
+    }
 }

@@ -181,7 +181,7 @@ pub(super) fn solve(
         (None, None) => DVector::zeros(parameters),
     };
     let mut known = Known {
-        smooth: Smoothness::new(stiffness)?,
+        smooth: Smoothness::new(stiffness, options.start_sigma)?,
         options,
         start,
         poses,
@@ -267,7 +267,7 @@ pub(super) fn solve(
             );
             let alone = known.without_poses(&state, &pass)?;
             weight = (known.smooth).weight(&alone.information, &alone.vector, &(&state.q - &known.start))?;
-            if step == 0 {
+            if step == 0 && options.start_sigma.is_none() {
                 // From far away a mesh comes stiff first: what pulls at it is not yet where it belongs.
                 weight *= 1.0 + STIFFER * STIFF_LASTS.powi(iterations as i32);
             }

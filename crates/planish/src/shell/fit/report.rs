@@ -6,11 +6,12 @@ use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
 
-/// Normals of vertices, σ along them with what parameters cannot follow, and whether the readings say more of them than what was known before.
+/// Normals of vertices, σ along them with what parameters cannot follow and that of a start (`start_sigma`, of every vertex or empty), and whether the readings say more of them than what was known before.
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,
     deformation: &dyn Deformation,
+    start_sigma: &[f64],
 ) -> (Vec<[f64; 3]>, Vec<f64>, Vec<u8>) {
     let normals = mesh.vertex_normals();
     let by_data = &made.covariance * &made.data_information * &made.covariance;
@@ -20,7 +21,8 @@ pub(super) fn known(
             let row = parameter_row(deformation, v as u32, normals[v]);
             let variance = row.dot(&(&made.covariance * &row)).max(0.0);
             let share = row.dot(&(&by_data * &row)) / variance;
-            let lacking = made.lack_of_fit * made.lack_of_fit;
+            let start = start_sigma.get(v).copied().unwrap_or(0.0);
+            let lacking = made.lack_of_fit * made.lack_of_fit + start * start;
             ((variance + lacking).sqrt(), u8::from(share > MEASURED))
         })
         .unzip();

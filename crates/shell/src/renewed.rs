@@ -1,0 +1,176 @@
+//! A mesh made anew: it flows out where something is not covered yet, and is cut where nothing can be.
+//!
+//! Comes in: a closed mesh that may cross itself, the room that there is, and what the mesh covers. Goes out: a closed manifold mesh of even facets.
+//!
+//! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from the mesh, negative where it winds more than half about a place; `b` the depth within the room; `c` the depth within what is
+//! covered; and `g` how far it may flow. What winds about nothing is left out, sheets that cross are joined, and what the room cuts through is torn, whatever the topology was.
+//!
+//! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
+
+use planish_estimate::vector3::{add_scaled, cross, dot, sub};
+use planish_estimate::{Error, Result};
+use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, WindingNumbers, isosurface};
+use rayon::prelude::*;
+
+/// A bound of space: what is without is no part of a thing.
+pub trait Bound: Sync {
+    /// How deep a place lies within, in the unit of the mesh; negative without.
+    fn depth(&self, at: [f64; 3]) -> f64;
+
+    /// Whether the depth may be zero within `reach` of a place; never no where it is.
+    fn may_end(&self, at: [f64; 3], reach: f64) -> bool;
+}
+
+/// How a mesh is made anew.
+#[derive(Clone, Copy)]
+pub struct Renewal<'a> {
+    /// What is without is no part of the thing.
+    pub room: &'a dyn Bound,
+    /// What the mesh covers, and how far it may flow out of that.
+    pub flow: Option<(&'a dyn Bound, f64)>,
+    /// Side of a cell.
+    pub cell: f64,
+    /// Parts of less than this share of the largest one's volume are left out: crumbs of a cut.
+    pub least_part: f64,
+    /// How often it is smoothed.
+    pub smoothings: usize,
+}
+
+/// Steps of one smoothing, towards the mean of the neighbours and back: what is long is left where it is (G. Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995).
+const THERE: f64 = 0.5;
+const BACK: f64 = -0.53;
+
+/// Makes a closed mesh anew.
+///
+/// Cost: as [`isosurface`], with a closest point and a winding number for each corner of a cell at the surface.
+///
+/// # Errors
+/// `Undetermined` for a mesh with open edges, or where nothing is left; as [`isosurface`].
+pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMesh> {
+    let Renewal {
+        room,
+        flow,
+        cell,
+        least_part,
+        smoothings,
+    } = *renewal;
+    let open = mesh.welded().check().boundary_edges;
+    if open > 0 {
+        return Err(Error::undetermined(format!(
+            "the mesh has {open} open edges, so that it has no inside: close it before it is made anew"
+        )));
+    }
+    let (search, winding) = (MeshSearch::try_new(mesh)?, WindingNumbers::new(mesh));
+    let height = |at| {
+        let far = search.closest(at).map_or(f64::INFINITY, |foot| foot.distance);
+        if winding.at(at) > 0.5 { -far } else { far }
+    };
+    let value = |at: [f64; 3]| {
+        let height = height(at);
+        let wanted = match flow {
+            Some((covered, farthest)) => height.min(covered.depth(at).max(height - farthest)),
+            None => height,
+        };
+        wanted.max(-room.depth(at))
+    };
+    let may_pass = |at: [f64; 3], reach: f64| {
+        let (height, ends) = (height(at), room.may_end(at, reach));
+        // All of the ball is without.
+        if !ends && room.depth(at) < 0.0 {
+            return false;
+        }
+        match flow {
+            _ if height.abs() <= reach => true,
+            _ if height < 0.0 => ends,
+            None => false,
+            Some((_, farthest)) if height - farthest > reach => false,
+            Some((covered, farthest)) => ends || (height - farthest).abs() <= reach || covered.may_end(at, reach),
+        }
+    };
+    let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
+    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let around = BoundingBox {
+        min: bounds.min.map(|x| x - around),
+        max: bounds.max.map(|x| x + around),
+    };
+    let made = isosurface(&around, cell, value, may_pass)?;
+    let mut kept = large_parts(&made, least_part);
+    if kept.triangles.is_empty() {
+        return Err(Error::undetermined(
+            "nothing of the mesh is within the room that there is: it lies elsewhere, or cells are larger than what is left of it",
+        ));
+    }
+    let neighbours = vertex_neighbours(&kept);
+    for _ in 0..smoothings {
+        for share in [THERE, BACK] {
+            kept.positions = towards_neighbours(&kept.positions, &neighbours, share);
+        }
+    }
+    Ok(kept)
+}
+
+/// The mean of a value of vertices about each, by so many steps of every vertex to the mean of itself and its neighbours; of a closed and oriented mesh.
+#[must_use]
+pub fn local_means(mesh: &TriangleMesh, values: &[f64], steps: usize) -> Vec<f64> {
+    let neighbours = vertex_neighbours(mesh);
+    let mut means = values.to_vec();
+    for _ in 0..steps {
+        means = (means.par_iter().zip(&neighbours))
+            .map(|(own, near)| (own + near.iter().map(|v| means[*v as usize]).sum::<f64>()) / (1 + near.len()) as f64)
+            .collect();
+    }
+    means
+}
+
+/// The vertices that share an edge with each.
+fn vertex_neighbours(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
+    let mut found = vec![Vec::new(); mesh.positions.len()];
+    for t in &mesh.triangles {
+        // Closed and oriented: each edge is once in either direction.
+        for k in 0..3 {
+            found[t[k] as usize].push(t[(k + 1) % 3]);
+        }
+    }
+    found
+}
+
+/// Every vertex a share of the way towards the mean of its neighbours.
+fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f64) -> Vec<[f64; 3]> {
+    (positions.par_iter().zip(neighbours))
+        .map(|(p, near)| {
+            let each = share / near.len().max(1) as f64;
+            (near.iter()).fold(*p, |sum, v| add_scaled(sum, each, sub(positions[*v as usize], *p)))
+        })
+        .collect()
+}
+
+/// The parts of a closed mesh whose volume is at least a share of the largest one's, without vertices that nothing uses.
+fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
+    let of = mesh.parts();
+    let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
+    let mut volumes = vec![0.0; count];
+    for (t, part) in of.iter().enumerate() {
+        let [a, b, c] = mesh.corners(t);
+        volumes[*part as usize] += dot(a, cross(b, c)) / 6.0;
+    }
+    let largest = volumes.iter().copied().fold(0.0, f64::max);
+    let mut new_of = vec![u32::MAX; mesh.positions.len()];
+    let mut kept = TriangleMesh::default();
+    for (triangle, part) in mesh.triangles.iter().zip(of) {
+        if volumes[part as usize] <= 0.0 || volumes[part as usize] < least * largest {
+            continue;
+        }
+        kept.triangles.push(triangle.map(|v| {
+            let new = &mut new_of[v as usize];
+            if *new == u32::MAX {
+                *new = kept.positions.len() as u32;
+                kept.positions.push(mesh.positions[v as usize]);
+            }
+            *new
+        }));
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests;
