@@ -52,10 +52,13 @@ pub(crate) fn unit_or_zero(a: [f64; 3]) -> [f64; 3] {
 
 /// The three interior angles in radians.
 pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| {
+    // All three have the doubled area as their sine's numerator, and the last is what the others leave.
+    let doubled = norm(area_vector(t));
+    let [first, second] = [0, 1].map(|k| {
         let (a, b) = (sub(t[(k + 1) % 3], t[k]), sub(t[(k + 2) % 3], t[k]));
-        norm(cross(a, b)).atan2(dot(a, b))
-    })
+        doubled.atan2(dot(a, b))
+    });
+    [first, second, (std::f64::consts::PI - first - second).max(0.0)]
 }
 
 /// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best, infinite without area.

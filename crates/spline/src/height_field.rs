@@ -11,7 +11,7 @@
 
 use crate::basis::cubic;
 use planish_estimate::sparse::{
-    BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SelectedInverse, SymbolicFactor,
+    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse, SymbolicFactor,
 };
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
@@ -230,10 +230,13 @@ impl Grid {
         let ordering = NodeOrdering::nested_dissection(&pattern, &places)?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
 
+        let scatters: Vec<ElementScatter> = elements()
+            .map(|nodes| ElementScatter::new(&pattern, &nodes))
+            .collect::<Result<_>>()?;
         let mut energy = BlockInformation::zeros(pattern.clone(), 1, 1)?;
         let element = energy_of_cell();
-        for nodes in elements() {
-            energy.add_element(&nodes, &element, &[0.0; 16])?;
+        for scatter in &scatters {
+            energy.add_scattered(scatter, &element, &[0.0; 16])?;
         }
         let mut data = BlockInformation::zeros(pattern, 1, 1)?;
         let mut squares = 0.0;
@@ -244,7 +247,6 @@ impl Grid {
         }
         for (at, members) in of_cell.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
             let (mut matrix, mut vector) = ([0.0; 256], [0.0; 16]);
-            let first = [at % self.cells[0], at / self.cells[0]];
             for (r, local) in members {
                 let [x, y] = local.map(|t| cubic(t)[0]);
                 let w: [f64; 16] = std::array::from_fn(|k| x[k % 4] * y[k / 4]);
@@ -257,7 +259,7 @@ impl Grid {
                 }
                 squares += r.information * r.height * r.height;
             }
-            data.add_element(&self.nodes(first), &matrix, &vector)?;
+            data.add_scattered(&scatters[at], &matrix, &vector)?;
         }
 
         let at_weight = |weight: f64| -> Result<(CholeskyFactor, Vec<f64>)> {

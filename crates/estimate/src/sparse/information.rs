@@ -355,6 +355,10 @@ impl BlockInformation {
         let columns = columns_of("a vector", self.dimension(), x.len())?;
         expect_length("the product", x.len(), y.len())?;
         y.fill(0.0);
+        if b == 1 && columns == 1 {
+            self.multiply_scalars(x, y);
+            return Ok(());
+        }
         for node in 0..self.pattern.nodes() {
             for (position, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
                 let row = row as usize;
@@ -376,6 +380,22 @@ impl BlockInformation {
             }
         }
         Ok(())
+    }
+
+    /// `y += Λ x` for one unknown a node.
+    fn multiply_scalars(&self, x: &[f64], y: &mut [f64]) {
+        for (node, &of_node) in x.iter().enumerate() {
+            let range = self.pattern.column_range(node);
+            let mut sum = 0.0;
+            for (&value, &row) in self.values[range].iter().zip(self.pattern.column(node)) {
+                let row = row as usize;
+                y[row] += value * of_node;
+                if row != node {
+                    sum += value * x[row];
+                }
+            }
+            y[node] += sum;
+        }
     }
 
     /// The same information about `x + by`: `η ← η + Λ by`, `Λ` as it is; `by` is node-major, of the vector's own length.

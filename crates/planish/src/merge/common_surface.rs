@@ -15,9 +15,9 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 
 /// The radius of a piece, in edges.
-const RADIUS: f64 = 16.0;
+const RADIUS: f64 = 12.0;
 /// The side of a cell, in edges.
-const CELL: f64 = 2.5;
+const CELL: f64 = 1.75;
 /// A place is covered when pieces weigh so much there; the middle of a piece weighs one.
 const COVERED: f64 = 0.4;
 /// Normals of a piece and of its middle: the least cosine.

@@ -1,0 +1,92 @@
+//! Turns of edges on sheets and balls whose edges are out of order.
+
+use super::*;
+use crate::mesh::TriangleMesh;
+use crate::primitives::{grid_sheet, icosphere};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn valences_of(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
+    valences(triangles, &opposites(triangles), vertices)
+}
+
+#[test]
+fn a_fan_is_evened_out_and_stays_a_surface() {
+    let sheet = grid_sheet(1.0, 1.0, 12, 12);
+    let mut triangles = sheet.triangles.clone();
+    // Turn some diagonals the other way.
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for square in 0..triangles.len() / 2 {
+        if rng.random::<f64>() < 0.5 {
+            continue;
+        }
+        let pair = [triangles[2 * square], triangles[2 * square + 1]];
+        let lone = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
+        let turned = |k: usize| {
+            let at = pair[k].iter().position(|v| *v == lone(k)).unwrap();
+            [pair[k][at], pair[k][(at + 1) % 3], lone(1 - k)]
+        };
+        triangles[2 * square] = turned(0);
+        triangles[2 * square + 1] = turned(1);
+    }
+    let before = valences_of(&triangles, sheet.positions.len());
+    let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone())
+        .unwrap()
+        .area();
+    let (turns, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
+    let after = valences_of(&triangles, sheet.positions.len());
+    assert_eq!(counted, after);
+    let mesh = TriangleMesh::try_new(sheet.positions, triangles).unwrap();
+    assert!(
+        turns > 0 && mesh.check().manifold && mesh.check().oriented,
+        "{turns} {:?} {before:?}",
+        mesh.check()
+    );
+    assert!((mesh.area() - area).abs() < 1e-12);
+    let over = |valence: &[u32]| valence.iter().filter(|v| **v > 6).count();
+    assert!(
+        4 * over(&after) < over(&before),
+        "{} and {}",
+        over(&after),
+        over(&before)
+    );
+}
+
+/// Of 20 seams that are much out of order no vertex keeps seven edges: what is too much is carried to where there is room for it.
+#[test]
+fn no_vertex_of_a_seam_keeps_seven_edges() {
+    let ball = icosphere(1.0, 5);
+    let (mut left, mut vertices) = (0, 0);
+    for seed in 0..20 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut triangles = ball.triangles.clone();
+        let everywhere = vec![true; ball.positions.len()];
+        let mut net = Net::new(&ball.positions, &mut triangles, &everywhere, 0);
+        for half in 0..net.opposite.len() as u32 {
+            let middle = net.positions[net.corner(half) as usize];
+            if middle[2].abs() < 0.04
+                && rng.random::<f64>() < 0.3
+                && net.change(half).is_some_and(|(_, around)| net.may_turn(around))
+            {
+                net.turn(half);
+            }
+        }
+        let seam: Vec<bool> = ball.positions.iter().map(|p| p[2].abs() < 0.04).collect();
+        let (_, valence) = even_out(&ball.positions, &mut triangles, &seam, 3);
+        left += valence.iter().zip(&seam).filter(|(n, s)| **s && **n > 6).count();
+        vertices += seam.iter().filter(|s| **s).count();
+        let check = TriangleMesh::try_new(ball.positions.clone(), triangles)
+            .unwrap()
+            .check();
+        assert!(check.manifold && check.oriented && check.watertight, "{check:?}");
+    }
+    assert!(vertices > 3000 && left == 0, "{left} of {vertices}");
+}
+
+#[test]
+fn valences_count_edges() {
+    let ball = icosphere(1.0, 2);
+    let valence = valences_of(&ball.triangles, ball.positions.len());
+    assert_eq!(valence.iter().filter(|v| **v == 5).count(), 12);
+    assert!(valence.iter().all(|v| *v == 5 || *v == 6));
+}
