@@ -153,12 +153,13 @@ pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[Strin
     }
     match best {
         Some((d, i, j)) => {
+            let (here, there) = (&names[i], &names[j]);
             // Things may be a thousandth of a unit large.
-            let d = match d {
-                d if d > 0.0 && d < 1e-3 => format!("{d:.2e}"),
-                d => format!("{d:.3}"),
-            };
-            format!("{} and {} come within {d} {unit}", names[i], names[j])
+            match d {
+                0.0 => format!("{here} and {there} touch, but nowhere does one lie along the other"),
+                d if d < 1e-3 => format!("{here} and {there} come within {d:.2e} {unit}"),
+                d => format!("{here} and {there} come within {d:.3} {unit}"),
+            }
         }
         None => "they have no places".to_owned(),
     }
