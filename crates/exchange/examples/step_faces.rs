@@ -2,7 +2,11 @@
 //!
 //! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, the chord error as a share of the size.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program whose output is a table")]
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a program whose output is a table"
+)]
 
 use planish_exchange::step::read_step;
 use planish_mesh::TriangleMesh;

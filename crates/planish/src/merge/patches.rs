@@ -301,10 +301,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_of_cad_are_refused_with_a_way_out() {
-        let refused = read_patches(&[PathBuf::from("part.STEP")], None, None, None).unwrap_err();
+    fn older_files_of_cad_are_refused_with_a_way_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let iges = folder.path().join("part.IGES");
+        std::fs::write(&iges, "an older part\n").unwrap();
+        let refused = read_patches(&[iges], None, None, None).unwrap_err();
         assert_eq!(refused.kind(), planish_estimate::ErrorKind::Unsupported);
         let said = refused.to_string();
-        assert!(said.contains("part.STEP") && said.contains(".stl"), "{said}");
+        assert!(said.contains("part.IGES") && said.contains(".stl"), "{said}");
     }
 }
