@@ -19,7 +19,9 @@
 mod choice;
 mod dense;
 mod equations;
+mod known;
 mod misfit;
+mod outcome;
 mod outward;
 mod problem;
 mod readings;
@@ -171,9 +173,57 @@ pub fn fit_shell(
     readings: &ShellReadings<'_>,
     options: &ShellFitOptions,
 ) -> Result<ShellFit> {
+    fit_shell_watched(mesh, deformation, readings, options, &mut |_| Ok(()))
+}
+
+/// How far a fit has come.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShellProgress {
+    /// Of all steps of sharpness, in `[0, 1]`; a step may end before its last iteration.
+    pub share: f64,
+    /// Iterations done.
+    pub iteration: usize,
+    /// Root mean square distance of the points from the shell, gross errors with them; none where there are no points.
+    pub rms_points: Option<f64>,
+}
+
+/// [`fit_shell`] that tells how far it is before each iteration, and ends with the error that `watch` gives.
+///
+/// # Errors
+/// As [`fit_shell`], and what `watch` says.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::{Error, ErrorKind};
+/// use planish_mesh::icosphere;
+/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_watched};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let ball = icosphere(1.0, 2);
+/// let controls: Vec<[f64; 3]> = icosphere(1.2, 1).positions;
+/// let deformation = Dirichlet::new(&controls, &ball.positions)?;
+/// let points: Vec<PointReading> = icosphere(1.1, 3).positions.into_iter()
+///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .collect();
+/// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
+/// let mut told = 0;
+/// let stopped = fit_shell_watched(&ball, &deformation, &readings, &ShellFitOptions::default(), &mut |at| {
+///     told += 1;
+///     if at.iteration < 2 { Ok(()) } else { Err(Error::interrupted()) }
+/// });
+/// assert_eq!((stopped.unwrap_err().kind(), told), (ErrorKind::Interrupted, 3));
+/// # Ok(())
+/// # }
+/// ```
+pub fn fit_shell_watched(
+    mesh: &TriangleMesh,
+    deformation: &dyn Deformation,
+    readings: &ShellReadings<'_>,
+    options: &ShellFitOptions,
+    watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+) -> Result<ShellFit> {
     check(mesh, deformation, options)?;
     readings.check()?;
-    solve::solve(mesh, deformation, readings, options)
+    solve::solve(mesh, deformation, readings, options, watch)
 }
 
 impl ShellFit {

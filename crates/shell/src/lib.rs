@@ -26,8 +26,8 @@ pub use delaunay::Delaunay;
 pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
 pub use fit::{
     FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit,
-    ShellFitOptions, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points, fit_shell,
-    of_three_coordinates,
+    ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points, fit_shell,
+    fit_shell_watched, of_three_coordinates,
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -16,13 +16,13 @@ use crate::model::SigmaSummary;
 use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, ShownShell, shell_page};
 use input::{Frame, FrameFiles, Moved, Units};
-use planish_estimate::{Error, Result, Termination};
+use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;
 use planish_exchange::mesh::is_mesh_file;
 use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_mesh::{BoundingBox, TriangleMesh};
 pub use planish_shell::Metaball;
-use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellTracker, SourceFit, fit_shell};
+use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -218,10 +218,13 @@ pub struct ShellFitReport {
     pub warnings: Vec<String>,
 }
 
+/// Where fitting begins and ends in the whole job.
+const FITTING: (f64, f64) = (0.05, 0.95);
+
 /// Fits, and writes what was asked for.
 ///
 /// # Errors
-/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense, units that differ, and everything that [`fit_shell`] refuses; `Undetermined` where the readings do not say where the mesh is.
+/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense, units that differ, and everything that [`fit_shell_watched`] refuses; `Undetermined` where the readings do not say where the mesh is; `Interrupted` when told to stop, at the next iteration: of a sequence the frames before are written then.
 pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
     let mut inputs = vec![job.mesh.clone()];
     inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
@@ -261,8 +264,11 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     let given_mesh = mesh.clone();
     let (mut flow, mut start_sigma) = (None, Vec::new());
     if job.rough_start {
-        progress.check("flowing", 0.02)?;
-        let made = rough_start::flown(job, mesh, &mut units)?;
+        progress.check("flowing", 0.0)?;
+        let made = rough_start::flown(job, mesh, &mut units, &mut |rounds| {
+            progress.items(rounds, "rounds");
+            progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
+        })?;
         looks = rough_start::without_looks(looks, &made.mesh, &mut warnings);
         (mesh, start_sigma, flow) = (made.mesh, made.sigma, Some(made.report));
     }
@@ -292,24 +298,44 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     let picture = picture_of(&looks, &mut warnings);
     let mut written = Vec::new();
     for (k, files) in frames.iter().enumerate() {
-        let stage = if tracker.is_some() { "following" } else { "fitting" };
-        progress.check(stage, 0.05 + 0.9 * k as f64 / frames.len() as f64)?;
+        let tracked = tracker.is_some();
+        let stage = if tracked { "following" } else { "fitting" };
+        let share = |of_frame: f64| FITTING.0 + (FITTING.1 - FITTING.0) * (k as f64 + of_frame) / frames.len() as f64;
+        progress.check(stage, share(0.0))?;
         let in_frame = |e: Error| {
             if files.name.is_empty() {
                 e
+            } else if e.kind() == ErrorKind::Interrupted {
+                Error::new(
+                    e.kind(),
+                    format!("interrupted in frame {}: {k} frames are done", files.name),
+                )
             } else {
                 e.in_context(format!("frame {}", files.name))
             }
         };
         let frame = Frame::read(job, files, size, &mut units, &mut warnings)?;
         inputs.extend(frame.files.iter().cloned());
+        let mut watch = |at: ShellProgress| {
+            if let Some(rms) = at.rms_points {
+                progress.rms(rms);
+            }
+            if tracked {
+                progress.items(k, "frames");
+            } else {
+                progress.items(at.iteration, "iterations");
+            }
+            progress.check(stage, share(at.share))
+        };
         let made = match &mut tracker {
-            Some(tracker) => tracker.follow(&frame.readings()),
-            None => fit_shell(&mesh, &*deformation, &frame.readings(), &options).map(|fit| FrameFit {
-                fit,
-                predicted: None,
-                acceleration: 0.0,
-            }),
+            Some(tracker) => tracker.follow_watched(&frame.readings(), &mut watch),
+            None => {
+                fit_shell_watched(&mesh, &*deformation, &frame.readings(), &options, &mut watch).map(|fit| FrameFit {
+                    fit,
+                    predicted: None,
+                    acceleration: 0.0,
+                })
+            }
         };
         let FrameFit {
             fit: made, predicted, ..

@@ -1,11 +1,13 @@
 //! `planish shell fit` from files to files: what a mesh looks like is kept, and parts that are rigid stay so.
 
-use planish::progress::Silent;
+use planish::progress::{Progress, Silent};
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
+use planish_estimate::ErrorKind;
 use planish_estimate::vector3::{distance, norm};
 use planish_exchange::mesh::{PolygonMesh, read_mesh};
 use planish_exchange::textured::read_textured;
 use planish_mesh::icosphere;
+use std::cell::{Cell, RefCell};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -85,6 +87,10 @@ fn texture_and_its_coordinates_are_kept() {
     assert_eq!((before.uv, before.uv_triangles), (after.uv, after.uv_triangles));
     assert_eq!(before.triangles, after.triangles);
     assert_eq!(std::fs::read(after.texture.unwrap()).unwrap(), PICTURE);
+    let text = std::fs::read_to_string(&job.outputs[0]).unwrap();
+    for line in ["o rest", "o cap", "usemtl skin", "mtllib fitted.mtl"] {
+        assert!(text.lines().any(|l| l == line), "{line}");
+    }
     assert!(
         off(&before.points) > 0.3 && off(&after.points) < 0.1,
         "{}",
@@ -104,6 +110,60 @@ fn texture_and_its_coordinates_are_kept() {
     assert!(off(&points) < 0.1, "{}", off(&points));
     let ply = std::fs::read(&job.outputs[2]).unwrap();
     assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));
+}
+
+/// A listener that writes down what it is told, and stops the work at an iteration.
+struct Told {
+    stages: RefCell<Vec<String>>,
+    rms: RefCell<Vec<f64>>,
+    iteration: Cell<usize>,
+    stop_at: usize,
+}
+
+impl Progress for Told {
+    fn advance(&self, stage: &str, share: f64) {
+        assert!((0.0..=1.0).contains(&share), "{stage} {share}");
+        let mut stages = self.stages.borrow_mut();
+        if stages.last().is_none_or(|last| last != stage) {
+            stages.push(stage.to_owned());
+        }
+    }
+
+    fn rms(&self, rms: f64) {
+        self.rms.borrow_mut().push(rms);
+    }
+
+    fn items(&self, done: usize, what: &'static str) {
+        assert_eq!(what, "iterations");
+        self.iteration.set(done);
+    }
+
+    fn interrupted(&self) -> bool {
+        self.iteration.get() >= self.stop_at
+    }
+}
+
+/// Every iteration is told of with the distance that is left, and the next is not begun once someone says stop: nothing is written then.
+#[test]
+fn a_fit_tells_how_far_it_is_and_can_be_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = job(folder.path(), &["fitted.ply"]);
+    let listener = |stop_at| Told {
+        stages: RefCell::default(),
+        rms: RefCell::default(),
+        iteration: Cell::new(0),
+        stop_at,
+    };
+    let stopped = listener(3);
+    let said = shell_fit_files(&job, &stopped).unwrap_err();
+    assert_eq!(said.kind(), ErrorKind::Interrupted);
+    assert!(stopped.rms.borrow().len() == 4 && !job.outputs[0].exists());
+    let whole = listener(usize::MAX);
+    let report = shell_fit_files(&job, &whole).unwrap();
+    assert_eq!(*whole.stages.borrow(), ["reading", "fitting", "writing"]);
+    let rms = whole.rms.borrow();
+    assert_eq!(rms.len(), report.iterations);
+    assert!(rms[0] > 0.2 && rms[rms.len() - 1] < 0.05, "{rms:?}");
 }
 
 #[test]

@@ -16,7 +16,7 @@
 //!
 //! Not guaranteed: that a thing is found again which moved farther between two frames than [`super::fit_shell`] can follow.
 
-use super::{ParameterPrior, ShellFit, ShellFitOptions, ShellReadings, fit_shell, undetermined};
+use super::{ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_watched, undetermined};
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
@@ -105,10 +105,22 @@ impl<'a> ShellTracker<'a> {
     /// # Errors
     /// As [`fit_shell`]; the tracker is then as it was before.
     pub fn follow(&mut self, readings: &ShellReadings<'_>) -> Result<FrameFit> {
+        self.follow_watched(readings, &mut |_| Ok(()))
+    }
+
+    /// [`ShellTracker::follow`] that tells how far the frame is before each iteration, and ends with the error that `watch` gives.
+    ///
+    /// # Errors
+    /// As [`ShellTracker::follow`], and what `watch` says; the tracker is then as it was before.
+    pub fn follow_watched(
+        &mut self,
+        readings: &ShellReadings<'_>,
+        watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+    ) -> Result<FrameFit> {
         let parameters = self.deformation.parameters();
         let identity = DMatrix::<f64>::identity(parameters, parameters);
         let Some(last) = &self.state else {
-            let fit = fit_shell(self.mesh, self.deformation, readings, &self.options)?;
+            let fit = fit_shell_watched(self.mesh, self.deformation, readings, &self.options, watch)?;
             let shape = fit.smoothness_weight * &self.stiffness;
             // What the readings alone say: where they say nothing, anything within the mesh's size may be.
             let least = (0.5 * self.size).powi(-2);
@@ -148,7 +160,14 @@ impl<'a> ShellTracker<'a> {
             start: Some(last.found.clone()),
             ..self.options.clone()
         };
-        let first = fit_shell(self.mesh, self.deformation, readings, &options)?;
+        // The second fit begins near its end, and takes no longer than the first.
+        let mut half = |of: f64, at: ShellProgress| {
+            watch(ShellProgress {
+                share: of + 0.5 * at.share,
+                ..at
+            })
+        };
+        let first = fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.0, at))?;
         // Where that fit ended, its readings pull as hard as smoothness does.
         let n = &first.data_information;
         let pull = first.smoothness_weight * (&self.stiffness * (&first.parameters - &last.found));
@@ -188,7 +207,7 @@ impl<'a> ShellTracker<'a> {
             softness: (finest, finest),
             ..self.options.clone()
         };
-        let fit = fit_shell(self.mesh, self.deformation, readings, &options)?;
+        let fit = fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.5, at))?;
         // Only what the readings say goes into the filter: smoothness of the shape counts once, in every frame anew.
         let n = &fit.data_information;
         let innovation = n * (&fit.parameters - &own_mean) + &prior.information * (&fit.parameters - &prior.mean);

@@ -1,17 +1,18 @@
 //! Levenberg and Marquardt's steps on the equations of a shell, from coarse fields to sharp ones; then the covariance.
 //!
-//! Comes in: what is to be fitted. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
+//! Comes in: what is to be fitted, and who is told of every iteration. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
 
 use super::choice::chosen_points;
 use super::dense::Factor;
-use super::equations::{Equations, Pass, SCALES, Source, cost, sum};
-use super::misfit::{Misfit, Residual};
+use super::equations::{Equations, SCALES, Source, cost, sum};
+use super::known::Known;
+use super::outcome::finished;
 use super::outward::outward;
 use super::problem::{Problem, State, Weighing};
-use super::readings::{PoseNoise, ShellReadings};
+use super::readings::ShellReadings;
 use super::smoothness::Smoothness;
-use super::{ShellFit, ShellFitOptions, SourceFit, undetermined};
-use crate::deformation::{Deformation, displaced};
+use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
+use crate::deformation::Deformation;
 use crate::field::{Metaball, ShellOptions, subdivided};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result, Termination, gated_scale};
@@ -21,8 +22,6 @@ use planish_mesh::{BoundingBox, TriangleMesh};
 const REACH: f64 = 9.0;
 /// Gate of the scale of residuals, in standard deviations.
 const GATE: f64 = 3.0;
-/// A weight below which a reading is a gross error.
-const NOTHING: f64 = 0.05;
 /// Damping is raised so often before an iteration is given up.
 const TRIES: usize = 8;
 /// How much stiffer a mesh is in the first iteration, and how much of that is left after each.
@@ -45,89 +44,6 @@ const NEAR: f64 = 0.25;
 /// One facet in so many may be turned the wrong way where outlines are fitted.
 const TURNED: usize = 50;
 
-/// What is known beside the readings, and of what.
-struct Known<'a> {
-    smooth: Smoothness,
-    options: &'a ShellFitOptions,
-    /// Parameters from which what is smooth is counted.
-    start: DVector<f64>,
-    /// Of every pose in the state: its view, its noise, and the camera as it was given.
-    poses: Vec<(usize, PoseNoise)>,
-    readings: &'a ShellReadings<'a>,
-}
-
-impl Known<'_> {
-    /// Adds priors to information and vector.
-    fn add(&self, state: &State, weight: f64, pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
-        let (mut information, mut vector) = (pass.information.clone(), pass.vector.clone());
-        let parameters = state.q.len();
-        let mut own = information.view_mut((0, 0), (parameters, parameters));
-        own += weight * &self.smooth.stiffness;
-        let mut slope = vector.rows_mut(0, parameters);
-        slope -= weight * (&self.smooth.stiffness * (&state.q - &self.start));
-        if let Some(prior) = &self.options.prior {
-            own += &prior.information;
-            slope -= &prior.information * (&state.q - &prior.mean);
-        }
-        for (slot, (view, noise)) in self.poses.iter().enumerate() {
-            let change = state.cameras[*view].change_from(&self.readings.views[*view].camera);
-            for k in 0..6 {
-                let w = information_of(noise, k);
-                let at = parameters + 6 * slot + k;
-                information[(at, at)] += w;
-                vector[at] -= w * change[k];
-            }
-        }
-        (information, vector)
-    }
-
-    /// What the priors cost.
-    fn cost(&self, state: &State, weight: f64) -> f64 {
-        let mut sum = 0.5 * weight * self.smooth.roughness(&(&state.q - &self.start));
-        if let Some(prior) = &self.options.prior {
-            let off = &state.q - &prior.mean;
-            sum += 0.5 * off.dot(&(&prior.information * &off));
-        }
-        for (view, noise) in &self.poses {
-            let change = state.cameras[*view].change_from(&self.readings.views[*view].camera);
-            sum += (0..6)
-                .map(|k| 0.5 * information_of(noise, k) * change[k] * change[k])
-                .sum::<f64>();
-        }
-        sum
-    }
-
-    /// Information and vector of the parameters, poses being whatever they are.
-    fn without_poses(&self, state: &State, pass: &Pass) -> Result<Pass> {
-        let (parameters, rest) = (state.q.len(), 6 * self.poses.len());
-        let own = pass.information.view((0, 0), (parameters, parameters)).into_owned();
-        let vector = pass.vector.rows(0, parameters).into_owned();
-        if rest == 0 {
-            return Ok(Pass {
-                information: own,
-                vector,
-            });
-        }
-        let (all, slope) = self.add(state, 0.0, pass);
-        let corner = all.view((parameters, parameters), (rest, rest)).into_owned();
-        let mixed = pass.information.view((parameters, 0), (rest, parameters)).into_owned();
-        let factor = corner.cholesky().ok_or_else(undetermined)?;
-        Ok(Pass {
-            information: own - mixed.tr_mul(&factor.solve(&mixed)),
-            vector: vector - mixed.tr_mul(&factor.solve(&slope.rows(parameters, rest).into_owned())),
-        })
-    }
-}
-
-fn information_of(noise: &PoseNoise, k: usize) -> f64 {
-    let sigma = if k < 3 {
-        noise.sigma_rotation
-    } else {
-        noise.sigma_translation
-    };
-    1.0 / (sigma * sigma)
-}
-
 /// Whether the facets of a mesh are turned the same way; an error where outlines need that and they are not.
 fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
     let check = mesh.welded().check();
@@ -145,6 +61,7 @@ pub(super) fn solve(
     deformation: &dyn Deformation,
     readings: &ShellReadings<'_>,
     options: &ShellFitOptions,
+    watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
     let parameters = deformation.parameters();
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
@@ -244,7 +161,12 @@ pub(super) fn solve(
         let mut equations = problem.equations(&state, (step > 0 || problem.by_sheets).then_some(first))?;
         let mut weight = 0.0;
         let mut length_before = f64::INFINITY;
-        for _ in 0..options.iterations {
+        for k in 0..options.iterations {
+            watch(ShellProgress {
+                share: (step as f64 + k as f64 / options.iterations as f64) / options.steps as f64,
+                iteration: iterations,
+                rms_points: rms_of_points(&equations),
+            })?;
             iterations += 1;
             if !options.believe_sigma {
                 // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes near.
@@ -277,7 +199,7 @@ pub(super) fn solve(
             let mut shorter = false;
             for _ in 0..TRIES {
                 let change = bounded_step(&wanted, damping, &slope, parameters, longest)?;
-                let next = moved(&state, &change, &known);
+                let next = known.moved(&state, &change);
                 let tried = problem.equations(&next, Some(weighing))?;
                 let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
                 if after <= before * (1.0 + 1e-12) {
@@ -318,126 +240,12 @@ pub(super) fn solve(
     })
 }
 
-/// The covariance, and what became of the readings.
-fn finished(
-    mesh: &TriangleMesh,
-    deformation: &dyn Deformation,
-    known: &Known<'_>,
-    state: State,
-    equations: &[Equations],
-    factors: &[f64; SCALES],
-    weight: f64,
-) -> Result<ShellFit> {
-    let loss = &known.options.loss;
-    let poses = known.poses.len();
-    let parameters = state.q.len();
-    let misfits = misfits(equations, factors, known);
-    let together = misfits.map(|misfit| misfit.together);
-    let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
-    // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
-    let moments = loss.moments(1)?;
-    pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
-    let data_information = known.without_poses(&state, &pass)?.information;
-    let (information, _) = known.add(&state, weight, &pass);
-    let covariance = Factor::of(&information).ok_or_else(undetermined)?.inverse();
-    let mut pose_covariances = vec![None; state.cameras.len()];
-    for (slot, (view, _)) in known.poses.iter().enumerate() {
-        let at = parameters + 6 * slot;
-        pose_covariances[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
-    }
-    let readings = known.readings;
-    let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
-    let of = |source: Source, count: usize| source_fit(equations, source, count, factors, known);
-    Ok(ShellFit {
-        positions: displaced(&mesh.positions, deformation, &state.q),
-        covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
-        points: of(Source::Point, readings.points.len()),
-        outlines: of(Source::Outline, outlines),
-        tracks: of(Source::Track, readings.tracks.len()),
-        parameters: state.q,
-        cameras: state.cameras,
-        pose_covariances,
-        smoothness_weight: weight,
-        lack_of_fit: Misfit::sigma(&misfits),
-        data_information,
-        termination: Termination::Limit,
-        iterations: 0,
-    })
-}
-
-/// What residuals of points and of outlines have in common.
-fn misfits(equations: &[Equations], factors: &[f64; SCALES], known: &Known<'_>) -> [Misfit; SCALES] {
-    let readings = known.readings;
-    // Pixels of one view lie in a plane, and views far from one another.
-    let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
-        .flat_map(|(v, view)| (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64]))
-        .collect();
-    let of = |source: Source| {
-        let factor = factors[source.scale()];
-        let residuals: Vec<Residual> = (equations.iter().flat_map(|some| &some.list))
-            .filter(|e| {
-                e.source == source && e.is_likely() && known.options.loss.weight(e.normalized() / factor) >= NOTHING
-            })
-            .map(|e| Residual {
-                at: match source {
-                    Source::Point => readings.points[e.reading as usize].at,
-                    _ => pixels[e.reading as usize],
-                },
-                distance: e.distance,
-                sigma: e.sigma,
-            })
-            .collect();
-        Misfit::of(&residuals)
-    };
-    let mut all = [Misfit::NONE; SCALES];
-    for source in [Source::Point, Source::Outline] {
-        all[source.scale()] = of(source);
-    }
-    all
-}
-
-fn source_fit(
-    equations: &[Equations],
-    source: Source,
-    count: usize,
-    factors: &[f64; SCALES],
-    known: &Known<'_>,
-) -> SourceFit {
-    let sigmas_px: Vec<f64> = match source {
-        Source::Outline => (known.readings.views.iter())
-            .flat_map(|view| view.outline.iter().map(|place| place.sigma_px))
-            .collect(),
-        _ => Vec::new(),
-    };
-    let factor = factors[source.scale()];
-    let mut outliers = vec![true; count];
-    let (mut squares, mut kept) = (0.0, 0_usize);
-    for equation in equations
-        .iter()
-        .flat_map(|some| &some.list)
-        .filter(|e| e.source == source)
-    {
-        let reading = equation.reading as usize;
-        if known.options.loss.weight(equation.normalized() / factor) < NOTHING {
-            continue;
-        }
-        outliers[reading] = false;
-        if !equation.is_likely() {
-            continue;
-        }
-        let residual = match source {
-            Source::Point => equation.distance,
-            Source::Outline => equation.normalized() * sigmas_px[reading],
-            _ => equation.normalized(),
-        };
-        squares += residual * residual;
-        kept += 1;
-    }
-    SourceFit {
-        sigma_factor: factor,
-        rms: (squares / kept.max(1) as f64).sqrt(),
-        outliers,
-    }
+/// Root mean square distance of the points that have an equation.
+fn rms_of_points(equations: &[Equations]) -> Option<f64> {
+    let of_points =
+        (equations.iter().flat_map(|some| &some.list)).filter(|e| e.source == Source::Point && e.is_likely());
+    let (squares, count) = of_points.fold((0.0, 0_usize), |(sum, n), e| (sum + e.distance * e.distance, n + 1));
+    (count > 0).then(|| (squares / count as f64).sqrt())
 }
 
 /// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are, if each shrinks as this one did.
@@ -476,19 +284,6 @@ fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
         return 0.0;
     }
     Factor::of(wanted).map_or(0.0, |factor| factor.inverse().dot(information))
-}
-
-fn moved(state: &State, change: &DVector<f64>, known: &Known<'_>) -> State {
-    let parameters = state.q.len();
-    let mut next = State {
-        q: &state.q + change.rows(0, parameters),
-        cameras: state.cameras.clone(),
-    };
-    for (slot, (view, _)) in known.poses.iter().enumerate() {
-        let by = std::array::from_fn(|k| change[parameters + 6 * slot + k]);
-        next.cameras[*view] = state.cameras[*view].moved(by);
-    }
-    next
 }
 
 /// A step that is shortened where a parameter would move farther than stated.

@@ -94,11 +94,16 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
     }
 }
 
-/// The mesh that the fit starts from.
+/// The mesh that the fit starts from; `watch` is told how many rounds are done before the next.
 ///
 /// # Errors
-/// `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks that the thing does not reach out of, an open mesh, or one that lies outside of some mask.
-pub(super) fn flown(job: &ShellFitJob, mut mesh: TriangleMesh, units: &mut Units) -> Result<Flown> {
+/// What `watch` says; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks that the thing does not reach out of, an open mesh, or one that lies outside of some mask.
+pub(super) fn flown(
+    job: &ShellFitJob,
+    mut mesh: TriangleMesh,
+    units: &mut Units,
+    watch: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Flown> {
     let files = FrameFiles {
         silhouettes: job.silhouettes.clone(),
         ..FrameFiles::default()
@@ -130,6 +135,7 @@ pub(super) fn flown(job: &ShellFitJob, mut mesh: TriangleMesh, units: &mut Units
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
     while rounds < MOST_ROUNDS {
+        watch(rounds)?;
         cell = cell.max(size(&mesh) / CELLS);
         let covered = Wider {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
