@@ -2,12 +2,12 @@
 //!
 //! `cargo run --release -p planish --example shell_accuracy POINTS CONTROLS MESH...`
 //!
-//! `fins:MESH` is the mesh with a fin around its middle, glued on: every edge at its root has three facets.
+//! `seeds=N` before a mesh gives it N deformations and sets of points, a row each. `flange:MESH` is the mesh cut across its middle, with a flange glued on that lies in the plane of the cut; `fins:MESH` has a fin along the edges of facets there, which run to and fro, so that it is pleated. Every edge at their roots has three facets.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
 use nalgebra::{DMatrix, DVector};
-use planish_estimate::vector3::{add, add_scaled, dot, sub};
+use planish_estimate::vector3::{add, add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, sample_points};
@@ -18,7 +18,11 @@ use planish_shell::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::{HashMap, HashSet};
 use std::time::Instant;
+
+/// Of the deformation, the points and their errors.
+const FIRST_SEED: u64 = 11;
 
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -30,34 +34,91 @@ fn main() -> Result<()> {
         "| mesh | facets | metaballs | open / non-manifold edges | start, σ | shell, σ | true places, σ | ratio | covered | gross found | good lost | s |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    let mut seeds = 1;
     for path in &arguments[2..] {
-        let file = read_mesh(path.trim_start_matches("fins:").as_ref())?;
+        if let Some(count) = path.strip_prefix("seeds=").and_then(|n| n.parse::<u64>().ok()) {
+            seeds = count;
+            continue;
+        }
+        let file = read_mesh(path.rsplit(':').next().unwrap_or(path).as_ref())?;
         let mut mesh = TriangleMesh {
             positions: file.points,
             triangles: file.triangles,
         };
         if path.starts_with("fins:") {
             mesh = with_fins(&mesh)?;
+        } else if path.starts_with("flange:") {
+            mesh = with_flange(&mesh)?;
         }
         for metaball in [Metaball::Triangular, Metaball::Spherical] {
-            one(path, &mesh, points, controls, metaball)?;
+            for seed in 0..seeds {
+                one(path, &mesh, points, controls, (metaball, FIRST_SEED + seed))?;
+            }
         }
     }
     Ok(())
 }
 
-/// The mesh with a fin where its facets cross the middle of its longest side: 6 % of its size high, along normals.
-fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
+/// The bounds of a mesh, and which of their sides is the longest.
+fn longest_side(mesh: &TriangleMesh) -> Result<(BoundingBox, usize)> {
     let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("an empty mesh"))?;
     let sides = sub(bounds.max, bounds.min);
     let axis = (0..3).fold(0, |best, k| if sides[k] > sides[best] { k } else { best });
+    Ok((bounds, axis))
+}
+
+/// The mesh cut where it crosses the middle of its longest side, with a flange in that plane: 6 % of its size wide.
+fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
+    let (bounds, axis) = longest_side(mesh)?;
+    // A little off, as vertices of what is symmetric lie in the middle.
+    let level = bounds.center()[axis] + 1e-4 * bounds.diagonal();
+    let whole = mesh.welded();
+    let normals = whole.vertex_normals();
+    let above: Vec<bool> = whole.positions.iter().map(|p| p[axis] > level).collect();
+    let (mut positions, mut triangles) = (whole.positions.clone(), Vec::new());
+    // The place on an edge, and the edge of the flange beyond it.
+    let mut cuts = HashMap::new();
+    let mut cut = |from: u32, to: u32| -> [u32; 2] {
+        let [a, b] = [from.min(to), from.max(to)];
+        *cuts.entry([a, b]).or_insert_with(|| {
+            let [p, q] = [a, b].map(|v| whole.positions[v as usize]);
+            let share = (level - p[axis]) / (q[axis] - p[axis]);
+            let between = |p: [f64; 3], q: [f64; 3]| add_scaled(p, share, sub(q, p));
+            let mut outward = between(normals[a as usize], normals[b as usize]);
+            outward[axis] = 0.0;
+            let root = between(p, q);
+            let tip = add_scaled(root, 0.06 * bounds.diagonal() / norm(outward).max(1e-9), outward);
+            positions.extend([root, tip]);
+            let count = positions.len() as u32;
+            [count - 2, count - 1]
+        })
+    };
+    let mut flange = Vec::new();
+    for t in &whole.triangles {
+        let side = t.map(|v| above[v as usize]);
+        let Some(alone) = (0..3).find(|k| side[*k] != side[(k + 1) % 3] && side[*k] != side[(k + 2) % 3]) else {
+            triangles.push(*t);
+            continue;
+        };
+        let [a, b, c] = [0, 1, 2].map(|k| t[(alone + k) % 3]);
+        let ([p, p_tip], [q, q_tip]) = (cut(a, b), cut(a, c));
+        triangles.extend([[a, p, q], [p, b, c], [p, c, q]]);
+        flange.extend([[p, q, q_tip], [p, q_tip, p_tip]]);
+    }
+    triangles.extend(flange);
+    Ok(TriangleMesh { positions, triangles })
+}
+
+/// The mesh with a fin where its facets cross the middle of its longest side: 6 % of its size high, along normals.
+fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
+    let (bounds, axis) = longest_side(mesh)?;
     let mut made = mesh.welded();
     let normals = made.vertex_normals();
     let low: Vec<bool> = (made.triangles.iter())
         .map(|t| t.iter().map(|v| made.positions[*v as usize][axis]).sum::<f64>() < 3.0 * bounds.center()[axis])
         .collect();
     // Edges of the lower part that the upper has the other way round.
-    let upper: std::collections::HashSet<[u32; 2]> = (made.triangles.iter().zip(&low))
+    let upper: HashSet<[u32; 2]> = (made.triangles.iter().zip(&low))
         .filter(|(_, low)| !**low)
         .flat_map(|(t, _)| (0..3).map(|k| [t[k], t[(k + 1) % 3]]))
         .collect();
@@ -66,7 +127,7 @@ fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
         .flat_map(|(t, _)| (0..3).map(|k| [t[k], t[(k + 1) % 3]]))
         .filter(|[a, b]| upper.contains(&[*b, *a]))
         .collect();
-    let mut tips = std::collections::HashMap::new();
+    let mut tips = HashMap::new();
     for [a, b] in roots {
         let [c, d] = [a, b].map(|v| {
             *tips.entry(v).or_insert_with(|| {
@@ -84,13 +145,19 @@ fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     Ok(made)
 }
 
-fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball: Metaball) -> Result<()> {
+fn one(
+    path: &str,
+    mesh: &TriangleMesh,
+    count: usize,
+    controls: usize,
+    (metaball, seed): (Metaball, u64),
+) -> Result<()> {
     let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
     let sigma = 0.002 * size;
     let controls = automatic_controls(mesh, controls)?;
     let deformation = Dirichlet::new(&controls.points, &mesh.positions)?;
     let k = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
-    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     let affine: [f64; 9] = std::array::from_fn(|_| 0.04 * normal());
     let wave: [f64; 9] = std::array::from_fn(|_| 5.0 / size * normal());
@@ -210,7 +277,11 @@ fn one(path: &str, mesh: &TriangleMesh, count: usize, controls: usize, metaball:
         .count();
     let of_good = good.iter().filter(|good| **good).count();
     let check = mesh.welded().check();
-    let fins = if path.starts_with("fins:") { ", with a fin" } else { "" };
+    let fins = match path.split_once(':') {
+        Some(("fins", _)) => ", with a fin",
+        Some(("flange", _)) => ", with a flange",
+        _ => "",
+    };
     let name = format!("{}{fins}", path.rsplit('/').next().unwrap_or(path));
     println!(
         "| {name} | {} | {metaball:?} | {} / {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.3} | {:.3} | {:.4} | {seconds:.1} |",
