@@ -19,9 +19,14 @@
 //! Not guaranteed: derivatives where two facets of a thin part are equally near (the sign flips there), where one is cut off, or, of spherical metaballs, of facets with a right angle. Beyond the border of an open mesh `D` is the height over the
 //! border's planes.
 
+mod derivatives;
+mod subdivision;
+
+pub use subdivision::subdivided;
+
 use crate::skeleton::{Skeleton, skeleton};
-use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{cross, distance, dot, norm, scale, sub};
+use nalgebra::Vector3;
+use planish_estimate::vector3::{cross, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
 use rayon::prelude::*;
@@ -371,140 +376,6 @@ impl<'a> Shell<'a> {
         })
     }
 
-    /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`, with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
-    #[must_use]
-    pub fn hessian(&self, at: [f64; 3], shares: &[Share], of: &ShellDistance) -> Matrix3<f64> {
-        let k = self.options.sharpness;
-        let facing = self.facets[of.facet as usize].normal.into();
-        let gradient = Vector3::from(of.gradient);
-        let mean_away: Vector3<f64> = shares.iter().map(|one| one.share * away(at, &one.near)).sum();
-        let mut sum = Matrix3::zeros();
-        for one in shares {
-            let u = away(at, &one.near);
-            let (height, normal) = self.height(at, &one.near, facing);
-            let part = normal - k * (height - of.distance) * u;
-            // ∂p_i = −k p_i (u_i − ū); ∂s_i = n_i; ∂D = m.
-            sum += one.share * (-k * part * (u - mean_away).transpose() - k * u * (normal - gradient).transpose());
-            sum -= one.share * k * (height - of.distance) * self.bending(&one.near, u);
-        }
-        sum
-    }
-
-    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` beside an edge, two beside a corner or a point.
-    fn bending(&self, near: &NearFacet, u: Vector3<f64>) -> Matrix3<f64> {
-        if near.distance == 0.0 {
-            return Matrix3::zeros();
-        }
-        let mut flat = Matrix3::identity() - u * u.transpose();
-        if self.options.metaball == Metaball::Triangular {
-            let corners = self.mesh.corners(near.facet as usize);
-            let within: Vec<usize> = (0..3).filter(|&k| near.barycentric[k] > 0.0).collect();
-            match within[..] {
-                [_] => {}
-                [a, b] => {
-                    let along = Vector3::from(sub(corners[b], corners[a])).normalize();
-                    flat -= along * along.transpose();
-                }
-                _ => return Matrix3::zeros(),
-            }
-        }
-        flat / near.distance
-    }
-
-    /// `∂D/∂V_j` for every vertex that the distance depends on; a vertex of several facets comes several times.
-    pub fn by_vertices(
-        &self,
-        at: [f64; 3],
-        shares: &[Share],
-        of: &ShellDistance,
-        mut visit: impl FnMut(u32, [f64; 3]),
-    ) {
-        let k = self.options.sharpness;
-        let facing = self.facets[of.facet as usize].normal.into();
-        for one in shares.iter().filter(|one| one.share > 0.0) {
-            let facet = &self.facets[one.near.facet as usize];
-            let vertices = self.mesh.triangles[one.near.facet as usize];
-            let corners = self.mesh.corners(one.near.facet as usize);
-            let away = away(at, &one.near);
-            let (height, normal) = self.height(at, &one.near, facing);
-            let above = height - of.distance;
-            let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
-            let off = Vector3::from(sub(at, one.near.point));
-            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to turn.
-            let by_m = if twice > 0.0 {
-                let growing = match self.options.metaball {
-                    Metaball::Spherical => above,
-                    Metaball::Triangular => 0.0,
-                };
-                (one.share / twice) * (own.dot(&normal) * (off - off.dot(&own) * own) + growing * own)
-            } else {
-                Vector3::zeros()
-            };
-            let by_skeleton = -one.share * (normal - k * above * away);
-            for corner in 0..3 {
-                // m changes by dV × (the side opposite, turned back).
-                let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
-                let by_corner = match self.skeletons.get(one.near.facet as usize) {
-                    // Which point of the facet is nearest changes as well, but within its plane, and by a step at a right angle to the way.
-                    None => one.near.barycentric[corner] * by_skeleton,
-                    Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
-                };
-                visit(vertices[corner], (by_corner + by_m.cross(&side)).into());
-            }
-        }
-    }
-
-    /// The height of a place over the plane of a facet that is near, and where its foot is in that plane.
-    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> Over {
-        let facet = &self.facets[one.near.facet as usize];
-        let off = sub(at, one.near.point);
-        let height = dot(facet.normal, off);
-        Over {
-            height,
-            normal: facet.normal,
-            across: (dot(off, off) - height * height).max(0.0).sqrt(),
-            area: facet.area,
-        }
-    }
-
-    /// How far within each side of a facet that is near the foot of a place is; negative beyond it.
-    pub(crate) fn within(&self, at: [f64; 3], one: &Share) -> [f64; 3] {
-        let normal = self.facets[one.near.facet as usize].normal;
-        let corners = self.mesh.corners(one.near.facet as usize);
-        [0, 1, 2].map(|k| {
-            let side = sub(corners[(k + 1) % 3], corners[k]);
-            dot(cross(normal, side), sub(at, corners[k])) / norm(side).max(f64::MIN_POSITIVE)
-        })
-    }
-
-    /// `∂h/∂V_j` of the height over a facet's plane, times `share`.
-    pub(crate) fn height_by_vertices(
-        &self,
-        at: [f64; 3],
-        one: &Share,
-        share: f64,
-        visit: &mut impl FnMut(u32, [f64; 3]),
-    ) {
-        let facet = &self.facets[one.near.facet as usize];
-        let vertices = self.mesh.triangles[one.near.facet as usize];
-        let corners = self.mesh.corners(one.near.facet as usize);
-        let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
-        let off = Vector3::from(sub(at, one.near.point));
-        if twice <= 0.0 {
-            return;
-        }
-        let by_m = (share / twice) * (off - off.dot(&own) * own);
-        let by_skeleton = -share * own;
-        for corner in 0..3 {
-            let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
-            let by_corner = match self.skeletons.get(one.near.facet as usize) {
-                None => one.near.barycentric[corner] * by_skeleton,
-                Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
-            };
-            visit(vertices[corner], (by_corner + by_m.cross(&side)).into());
-        }
-    }
-
     fn weight(&self, facet: u32) -> f64 {
         let area = self.facets[facet as usize].area;
         match self.options.metaball {
@@ -533,67 +404,6 @@ fn away(at: [f64; 3], near: &NearFacet) -> Vector3<f64> {
     } else {
         Vector3::zeros()
     }
-}
-
-/// Subdivides a mesh until no circle about a facet is larger than `radius`, halving longest sides all over; stops before there are more than `most` facets.
-///
-/// What comes with it: for every new vertex the corners of the facet that it lies on, and their weights, by which it moves with the mesh.
-#[must_use]
-pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
-    let mut positions = mesh.positions.clone();
-    let mut origins: Vec<[(u32, f64); 3]> = (0..positions.len() as u32)
-        .map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)])
-        .collect();
-    let mut triangles = Vec::with_capacity(mesh.triangles.len());
-    let room = most.max(mesh.triangles.len());
-    let mut total: usize = 0;
-    let pieces: Vec<usize> = (mesh.triangles.iter())
-        .map(|t| {
-            let corners = t.map(|c| mesh.positions[c as usize]);
-            let longest = (0..3)
-                .map(|k| distance(corners[k], corners[(k + 1) % 3]))
-                .fold(0.0, f64::max);
-            // The circle about a piece is at most half of its longest side where it is obtuse, and less than 0.58 of it anywhere.
-            let along = (longest / (1.73 * radius)).ceil().clamp(1.0, 1e4) as usize;
-            total = total.saturating_add(along * along);
-            along
-        })
-        .collect();
-    let shrink = if total > room {
-        (room as f64 / total as f64).sqrt()
-    } else {
-        1.0
-    };
-    for (t, pieces) in mesh.triangles.iter().zip(pieces) {
-        let n = ((pieces as f64 * shrink) as usize).max(1);
-        if n == 1 {
-            triangles.push(*t);
-            continue;
-        }
-        // A triangle of n × n pieces with vertices of its own: shells do not ask that neighbours share any.
-        let first = positions.len() as u32;
-        let row_start = |row: usize| (row * (n + 1) - row * row.saturating_sub(1) / 2) as u32;
-        for row in 0..=n {
-            for column in 0..=n - row {
-                let [b, c] = [column, row].map(|i| i as f64 / n as f64);
-                let weights = [1.0 - b - c, b, c];
-                let at = std::array::from_fn(|k| (0..3).map(|i| weights[i] * mesh.positions[t[i] as usize][k]).sum());
-                positions.push(at);
-                origins.push(std::array::from_fn(|i| (t[i], weights[i])));
-            }
-        }
-        for row in 0..n {
-            for column in 0..n - row {
-                let here = first + row_start(row) + column as u32;
-                let above = first + row_start(row + 1) + column as u32;
-                triangles.push([here, here + 1, above]);
-                if column + 1 < n - row {
-                    triangles.push([here + 1, above + 1, above]);
-                }
-            }
-        }
-    }
-    (TriangleMesh { positions, triangles }, origins)
 }
 
 #[cfg(test)]

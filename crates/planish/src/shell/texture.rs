@@ -9,23 +9,23 @@
 mod atlas;
 mod blend;
 mod fill;
+mod output;
+mod painted;
 mod view;
 
 use super::fit::input::read_mask;
-use super::looks::{Known, normals_of, write_glb, write_obj};
 use super::surface::check_outputs;
 use crate::progress::{Progress, WRITING_STAGE};
-use atlas::{Chart, at_place};
+use atlas::at_place;
 use blend::{Blended, Saying};
+use output::write;
+use painted::{Texture, paint};
 use planish_estimate::{Error, Result};
-use planish_exchange::glb::{PosedMesh, write_posed};
-use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
-use planish_exchange::picture::{colour_png, read_picture};
+use planish_exchange::picture::read_picture;
 use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_exchange::views::{ViewFile, read_views};
 use planish_exchange::{Unit, extension};
 use planish_mesh::{BoundingBox, TriangleMesh};
-use planish_report::colour::linear_light;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -132,14 +132,6 @@ struct Coloured {
     colours: Vec<[f64; 3]>,
     /// From how many views; zero where they were filled.
     views: Vec<u8>,
-}
-
-/// A texture.
-struct Texture {
-    chart: Chart,
-    size: usize,
-    pixels: Vec<[f32; 3]>,
-    report: TextureReport,
 }
 
 /// Colours a mesh, and writes what was asked for.
@@ -414,188 +406,4 @@ fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<Colour
     }
     let mask = mask.as_ref().map(|mask| &mask.mask[..]);
     Ok(ColourView::new(view.camera, &picture, mask, mesh, size))
-}
-
-/// The side of a texture with as many pixels on the mesh as the finest view of each triangle has.
-fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
-    let pixels: f64 = (0..mesh.triangles.len())
-        .into_par_iter()
-        .map(|t| {
-            let corners = mesh.corners(t);
-            views.iter().map(|view| view.pixels_on(corners)).fold(0.0, f64::max)
-        })
-        .collect::<Vec<f64>>()
-        .iter()
-        .sum();
-    let side = (pixels / share.max(1e-3)).sqrt().min(LARGEST_TEXTURE as f64) as usize;
-    side.next_power_of_two().clamp(USUAL_SIDES[0], USUAL_SIDES[1])
-}
-
-/// Paints a texture: each of its pixels by what views see of its place on the mesh.
-fn paint(
-    job: &ShellTextureJob,
-    file: &TexturedMesh,
-    scene: &Scene,
-    coloured: &Coloured,
-    views: &[&ColourView],
-    seen: &(dyn Fn([f64; 3], [f64; 3]) -> Option<[f64; 3]> + Sync),
-    warnings: &mut Vec<String>,
-) -> Result<Texture> {
-    let (mesh, normals) = (&scene.mesh, &scene.normals[..]);
-    let own = Chart::of(file);
-    let count = mesh.triangles.len();
-    let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
-    let atlas = own.is_none();
-    let least = if atlas {
-        atlas::LEAST_SQUARE * atlas::squares_along(count)
-    } else {
-        1
-    };
-    let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
-    let size = job.texture_size.unwrap_or_else(usual);
-    if size < least || size > LARGEST_TEXTURE {
-        return Err(Error::input(format!(
-            "a texture of {count} triangles takes {least} pixels along a side or more, and {LARGEST_TEXTURE} are the most, found {size}: needed another size, a coarser mesh, or colours of vertices"
-        )));
-    }
-    let chart = own.unwrap_or_else(|| Chart::atlas(count, size));
-    match chart.outside() {
-        0 => {}
-        n => warnings.push(format!(
-            "{}: {n} of {count} triangles have no texture coordinates or reach out of the picture: they get no colours of their own",
-            job.mesh.display()
-        )),
-    }
-    let drawn = chart.drawn(size, size);
-    // Colour, and whether a view saw it.
-    let found: Vec<Option<([f64; 3], bool)>> = (0..size * size)
-        .into_par_iter()
-        .map(|k| {
-            let on = drawn.at(k % size, k / size)?;
-            let place = |values: &[[f64; 3]]| at_place(mesh, values, on.triangle, on.barycentric);
-            let normal = planish_estimate::vector3::unit(place(normals)).unwrap_or([0.0; 3]);
-            Some(match seen(place(&mesh.positions), normal) {
-                Some(colour) => (colour, true),
-                None => (place(&coloured.colours), false),
-            })
-        })
-        .collect();
-    let texels = found.iter().flatten().count();
-    let covered = chart.covered() * (size * size) as f64;
-    if covered > 1.1 * texels as f64 + 1000.0 {
-        warnings.push(format!(
-            "{}: parts of the mesh share the same place of the texture, and show the colours of one of them",
-            job.mesh.display()
-        ));
-    }
-    let report = TextureReport {
-        size,
-        texels,
-        seen: found.iter().flatten().filter(|(_, seen)| *seen).count(),
-        atlas,
-    };
-    let mut pixels: Vec<Option<[f32; 3]>> = (found.into_iter())
-        .map(|found| found.map(|(colour, _)| colour.map(|c| c as f32)))
-        .collect();
-    fill::in_picture(size, size, &mut pixels);
-    Ok(Texture {
-        chart,
-        size,
-        pixels: pixels.into_iter().map(Option::unwrap_or_default).collect(),
-        report,
-    })
-}
-
-impl Texture {
-    /// The colour at a place of a triangle, between the middles of pixels.
-    fn at(&self, triangle: u32, weights: [f64; 3]) -> [f64; 3] {
-        let Some([u, v]) = self.chart.place(triangle, weights) else {
-            return [0.0; 3];
-        };
-        let last = (self.size - 1) as f64;
-        let [x, y] = [u, 1.0 - v].map(|x| (x * self.size as f64 - 0.5).clamp(0.0, last));
-        let [column, row] = [x, y].map(|x| (x as usize).min(self.size.saturating_sub(2)));
-        let (x, y) = (x - column as f64, y - row as f64);
-        let pixel = |dx: usize, dy: usize| {
-            let (column, row) = ((column + dx).min(self.size - 1), (row + dy).min(self.size - 1));
-            self.pixels[row * self.size + column].map(f64::from)
-        };
-        let [a, b, c, d] = [pixel(0, 0), pixel(1, 0), pixel(0, 1), pixel(1, 1)];
-        [0, 1, 2].map(|k| (1.0 - y) * ((1.0 - x) * a[k] + x * b[k]) + y * ((1.0 - x) * c[k] + x * d[k]))
-    }
-
-    fn png(&self) -> Result<Vec<u8>> {
-        let bytes: Vec<u8> = self.pixels.iter().flatten().map(|v| v.round() as u8).collect();
-        colour_png([self.size; 2], &bytes)
-    }
-}
-
-/// Writes one file, and what belongs to it.
-fn write(path: &Path, file: &TexturedMesh, coloured: &Coloured, texture: Option<&Texture>) -> Result<Vec<PathBuf>> {
-    let stated = |name: &str| file.columns.iter().find(|(n, _)| n == name).map(|(_, c)| &c[..]);
-    let sigma = stated("sigma").unwrap_or_default();
-    let observed: Vec<u8> = (stated("observed").unwrap_or_default().iter())
-        .map(|mark| mark.clamp(0.0, 255.0) as u8)
-        .collect();
-    let known = Known {
-        sigma,
-        observed: &observed,
-    };
-    let normals = normals_of(&file.points, &file.triangles);
-    match (extension(path).as_str(), texture) {
-        ("ply", _) => {
-            let channel = |c: usize| -> Vec<u8> { coloured.colours.iter().map(|v| v[c].round() as u8).collect() };
-            let [red, green, blue] = [0, 1, 2].map(channel);
-            let mut columns = Vec::new();
-            if !sigma.is_empty() {
-                columns.push(("sigma", Column::F64(sigma)));
-            }
-            if !observed.is_empty() {
-                columns.push(("observed", Column::U8(&observed)));
-            }
-            columns.extend([("red", &red), ("green", &green), ("blue", &blue)].map(|(n, c)| (n, Column::U8(c))));
-            columns.push(("views", Column::U8(&coloured.views)));
-            write_mesh(
-                path,
-                &MeshColumns {
-                    points: &file.points,
-                    normals: Some(&normals),
-                    columns,
-                    triangles: &file.triangles,
-                    unit: file.unit,
-                },
-            )?;
-        }
-        (_, None) => {
-            // glTF has linear light from 0 to 1.
-            let linear = |value: f64| linear_light((value / 255.0).clamp(0.0, 1.0));
-            let colours: Vec<[f64; 3]> = coloured.colours.iter().map(|c| c.map(linear)).collect();
-            write_posed(
-                path,
-                &PosedMesh {
-                    points: &file.points,
-                    normals: &normals,
-                    triangles: &file.triangles,
-                    colours: &colours,
-                    sigma,
-                    observed: &observed,
-                    unit: file.unit,
-                    ..PosedMesh::default()
-                },
-            )?;
-        }
-        (ending, Some(texture)) => {
-            let painted = TexturedMesh {
-                uv: texture.chart.uv.clone(),
-                uv_triangles: texture.chart.triangles.clone(),
-                ..file.clone()
-            };
-            let png = texture.png()?;
-            if ending == "obj" {
-                return write_obj(path, &painted, &file.points, Some(&png));
-            }
-            write_glb(path, &painted, &file.points, &[], &[], known, Some(&png))?;
-        }
-    }
-    Ok(vec![path.to_owned()])
 }

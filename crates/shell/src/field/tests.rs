@@ -1,4 +1,5 @@
 use super::*;
+use planish_estimate::vector3::distance;
 use planish_mesh::{MeshSearch, grid_sheet, icosphere};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

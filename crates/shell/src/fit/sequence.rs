@@ -103,7 +103,7 @@ impl<'a> ShellTracker<'a> {
     /// The next frame.
     ///
     /// # Errors
-    /// As [`fit_shell`]; the tracker is then as it was before.
+    /// As [`super::fit_shell`]; the tracker is then as it was before.
     pub fn follow(&mut self, readings: &ShellReadings<'_>) -> Result<FrameFit> {
         self.follow_watched(readings, &mut |_| Ok(()))
     }
