@@ -25,7 +25,7 @@ use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
 use completion::{completed, facing_in_words};
-use inspection::{crossings, leave_out_copies, nearest, turn_alike};
+use inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
@@ -261,6 +261,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         if !overlap.regions.iter().any(|r| r.patches.iter().any(|p| order[*p] == k)) {
             warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
         }
+    }
+    if options.epsilon.is_none() {
+        let names = in_order(names.clone(), &order);
+        warnings.extend(unalike(&patches, &overlap, &names, unit));
     }
     progress.check("fusing", 0.4)?;
     let mean = fused(&patches, &overlap);

@@ -194,6 +194,37 @@ fn what_cannot_be_merged_is_named() {
     }
 }
 
+/// Surfaces that pass one another by chance are merged where they are near, as nothing says how well they are known: it is said, and --epsilon keeps them apart.
+#[test]
+fn patches_that_are_not_of_one_thing_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let sheet = |name: &str, slope: f64| {
+        let mut text = String::new();
+        for k in 0..21 * 21 {
+            let (x, y) = (5.0 * f64::from(k % 21), 5.0 * f64::from(k / 21));
+            writeln!(text, "v {x} {y} {}", slope * (x - 50.0)).expect("a string");
+        }
+        for k in (0..20 * 20).map(|k| k / 20 * 21 + k % 20 + 1) {
+            writeln!(text, "f {} {} {}\nf {} {} {}", k, k + 1, k + 22, k, k + 22, k + 21).expect("a string");
+        }
+        std::fs::write(folder.path().join(name), text).expect("a file");
+    };
+    sheet("flat.obj", 0.0);
+    sheet("slanted.obj", 0.3);
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm");
+    assert!(
+        said.stderr.contains("flat.obj: other patches near it differ by σ = "),
+        "{}",
+        said.stderr
+    );
+    let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm --epsilon 0.2");
+    assert!(!said.stderr.contains("differ by"), "{}", said.stderr);
+    sheet("near.obj", 0.001);
+    let said = run("merge flat.obj near.obj -o whole.ply --unit mm");
+    assert!(!said.stderr.contains("differ by"), "{}", said.stderr);
+}
+
 /// Faces of a STEP file are merged with those of another, and with a mesh.
 #[test]
 fn faces_of_step_files_are_patches() {

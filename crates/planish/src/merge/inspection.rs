@@ -6,11 +6,15 @@ use super::patches::NamedPatch;
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_mesh::{BoundingBox, MeshSearch, Patch, searches_of};
+use planish_mesh::{BoundingBox, MeshSearch, Overlap, Patch, searches_of};
+use planish_report::numbers::significant;
 use std::cmp::Reverse;
 
 /// So many vertices of a patch tell whether it is turned over.
 const LOOKED_AT: usize = 2000;
+
+/// σ from differences that is longer than this share of an edge is what unrelated surfaces show.
+const UNALIKE: f64 = 0.4;
 
 /// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same readings know no more than one.
 ///
@@ -134,6 +138,28 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
         searches[k] = MeshSearch::try_new(&patch.mesh)?;
     }
     Ok((turned, searches))
+}
+
+/// Patches whose σ was told from how they differ from others, and differ as what is not of one thing does, in words.
+///
+/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is then as long as an edge.
+pub(super) fn unalike(patches: &[Patch], overlap: &Overlap, names: &[String], unit: Unit) -> Vec<String> {
+    let told = patches.iter().zip(&overlap.patches).zip(names);
+    told.filter(|((patch, _), _)| patch.sigma.is_empty())
+        .filter_map(|((_, of), name)| {
+            let sigma = *of.sigma.first()?;
+            let mut spacing = of.spacing.clone();
+            let middle = spacing.len() / 2;
+            let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
+            (sigma > UNALIKE * *edge).then(|| {
+                format!(
+                    "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} long: where they are not of one thing, a smaller --epsilon keeps them apart",
+                    significant(sigma, 3),
+                    significant(*edge, 3)
+                )
+            })
+        })
+        .collect()
 }
 
 /// How near patches come that do not overlap, in words.
