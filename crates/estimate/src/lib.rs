@@ -21,6 +21,7 @@ pub mod implicit;
 pub mod sparse;
 pub mod vector3;
 
+mod batches;
 mod belief;
 mod consistency;
 mod dense;
@@ -32,6 +33,7 @@ mod reml;
 mod robust;
 mod variance_components;
 
+pub use batches::{NestedBatches, PairProducts};
 pub use belief::{Belief, Information};
 pub use consistency::{ChiSquareBand, ChiSquareMean, Coverage, Whiteness, normalized_squared, whiteness};
 pub use equation::{Dimensions, Explicit, Implicit, Linear, Linearization, MeasurementEquation, check_jacobians};

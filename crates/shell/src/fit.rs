@@ -30,6 +30,7 @@ mod sheets;
 mod sight;
 mod smoothness;
 mod solve;
+mod taken;
 mod tracks;
 
 pub use readings::{

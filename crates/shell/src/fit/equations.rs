@@ -213,14 +213,7 @@ pub(super) fn sum(
                     }
                     row[k] += entry;
                 };
-                for (vertex, by) in vertices {
-                    deformation.row(*vertex, *by, &mut give);
-                }
-                for (pose, by) in own_poses {
-                    for (k, entry) in by.iter().enumerate() {
-                        give(basis + 6 * *pose as usize + k, *entry);
-                    }
-                }
+                visit_row(deformation, vertices, own_poses, &mut give);
                 touched.sort_unstable();
                 touched.dedup();
                 for (n, &i) in touched.iter().enumerate() {
@@ -247,6 +240,24 @@ pub(super) fn sum(
     }
     total.information.fill_upper_triangle_with_lower_triangle();
     reduced(total, deformation, poses)
+}
+
+/// Visits the entries of an equation's row over the basis, then over six numbers of every pose; an index may come more than once.
+pub(super) fn visit_row(
+    deformation: &dyn Deformation,
+    vertices: &[ByVertex],
+    poses: &[ByPose],
+    visit: &mut dyn FnMut(usize, f64),
+) {
+    for (vertex, by) in vertices {
+        deformation.row(*vertex, *by, visit);
+    }
+    let basis = deformation.basis();
+    for (pose, by) in poses {
+        for (k, entry) in by.iter().enumerate() {
+            visit(basis + 6 * *pose as usize + k, *entry);
+        }
+    }
 }
 
 /// From the basis of the rows to the parameters; poses stay.

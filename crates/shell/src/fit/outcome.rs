@@ -3,12 +3,14 @@
 //! Comes in: the equations at the end of the last iteration. Goes out: a [`ShellFit`].
 
 use super::dense::Factor;
-use super::equations::{Equations, SCALES, Source, sum};
+use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
 use super::known::Known;
 use super::misfit::{Misfit, Residual};
 use super::problem::State;
+use super::taken::{Signs, left_of_signs};
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced};
+use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_estimate::{Result, Termination};
 use planish_mesh::TriangleMesh;
 
@@ -28,11 +30,20 @@ pub(super) fn finished(
     let loss = &known.options.loss;
     let poses = known.poses.len();
     let parameters = state.q.len();
-    let misfits = misfits(equations, factors, known);
+    let moments = loss.moments(1)?;
+    let mut alone = sum(equations, deformation, poses, loss, (factors, &[1.0; SCALES]), false);
+    alone.information *= moments.slope / moments.weight;
+    let (heard, _) = known.add(&state, weight, &alone);
+    let counts = |e: &Equation| {
+        e.source != Source::Region
+            && e.is_likely()
+            && e.source.loss(loss).weight(e.normalized() / factors[e.source.scale()]) >= NOTHING
+    };
+    let left = left_of_signs(equations, deformation, (&heard, moments.slope), factors, counts)?;
+    let misfits = misfits(equations, &left, known, counts);
     let together = misfits.map(|misfit| misfit.together);
     let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
     // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
-    let moments = loss.moments(1)?;
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     let data_information = known.without_poses(&state, &pass)?.information;
     let (information, _) = known.add(&state, weight, &pass);
@@ -63,34 +74,49 @@ pub(super) fn finished(
 }
 
 /// What residuals of points and of outlines have in common.
-fn misfits(equations: &[Equations], factors: &[f64; SCALES], known: &Known<'_>) -> [Misfit; SCALES] {
+fn misfits(
+    equations: &[Equations],
+    left: &[Signs],
+    known: &Known<'_>,
+    counts: impl Fn(&Equation) -> bool,
+) -> [Misfit; SCALES] {
     let readings = known.readings;
     // Pixels of one view lie in a plane, and views far from one another.
     let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
         .flat_map(|(v, view)| (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64]))
         .collect();
-    let of = |source: Source| {
-        let factor = factors[source.scale()];
-        let residuals: Vec<Residual> = (equations.iter().flat_map(|some| &some.list))
-            .filter(|e| {
-                e.source == source && e.is_likely() && known.options.loss.weight(e.normalized() / factor) >= NOTHING
-            })
-            .map(|e| Residual {
+    let mut all = [Misfit::NONE; SCALES];
+    for source in [Source::Point, Source::Outline] {
+        let residuals: Vec<Residual> = (equations.iter().flat_map(Equations::iter))
+            .zip(left)
+            .filter(|((e, ..), _)| e.source == source && counts(e))
+            .map(|((e, by_vertices, _), [signs, left])| Residual {
                 at: match source {
-                    Source::Point => readings.points[e.reading as usize].at,
+                    Source::Point => foot(readings.points[e.reading as usize].at, e.distance, by_vertices),
                     _ => pixels[e.reading as usize],
                 },
                 distance: e.distance,
                 sigma: e.sigma,
+                signs: *signs,
+                left: *left,
             })
             .collect();
-        Misfit::of(&residuals)
-    };
-    let mut all = [Misfit::NONE; SCALES];
-    for source in [Source::Point, Source::Outline] {
-        all[source.scale()] = of(source);
+        all[source.scale()] = Misfit::of(&residuals);
     }
     all
+}
+
+/// The place on the mesh beneath a point. A height moves with the point as it moves against all vertices: `∇h = −Σ ∂h/∂V_j`, and the foot is `x − h ∇h/|∇h|²`.
+///
+/// Neighbours by the points themselves are alike in their noise: of points at one height over the mesh the nearest are at the same height.
+fn foot(at: [f64; 3], height: f64, by_vertices: &[ByVertex]) -> [f64; 3] {
+    let against = (by_vertices.iter()).fold([0.0; 3], |sum, (_, by)| add(sum, *by));
+    let square = dot(against, against);
+    if square > 0.0 {
+        add_scaled(at, height / square, against)
+    } else {
+        at
+    }
 }
 
 fn source_fit(

@@ -126,6 +126,18 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
+/// Points closer together than their noise: of those at one height over the mesh the nearest are at the same height, and that is no shape that the controls lack.
+#[test]
+fn dense_noise_is_nothing_that_is_lacking() {
+    let truth = truth(20_000, 5);
+    let options = ShellFitOptions {
+        stiffness: Some(truth.stiffness.clone()),
+        ..ShellFitOptions::default()
+    };
+    let made = fit_points(&truth.mesh, &truth.deformation, &truth.readings, &options).unwrap();
+    assert!(made.lack_of_fit < 0.1 * SIGMA, "{} of {SIGMA}", made.lack_of_fit);
+}
+
 /// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from the truth, and its σ is true, for both kinds of metaballs.
 #[test]
 fn shells_come_as_near_as_true_correspondences() {

@@ -1,0 +1,110 @@
+//! What a fit takes from its residuals: `s − H s` of random signs `s`, with `H = A N⁻¹ Aᵀ` of the whitened equations `A`.
+//!
+//! Comes in: the equations at the end, and their information with what is known beside them. Goes out: signs, and what the fit leaves of them. Two passes over the rows; no covariance of residuals is ever made.
+
+use super::dense::Factor;
+use super::equations::{Equation, Equations, SCALES, visit_row};
+use super::misfit::DRAWS;
+use super::undetermined;
+use crate::deformation::Deformation;
+use nalgebra::{DMatrix, DVector};
+use planish_estimate::Result;
+use rayon::prelude::*;
+
+/// Partial sums, whatever the threads.
+const GROUPS: usize = 16;
+
+/// Signs of an equation, and what is left of them.
+pub(super) type Signs = [[f64; DRAWS]; 2];
+
+/// The signs of equation `i`, and of the `i`-th equation what the fit leaves of them. `slope` is `E[ψ']` of the loss, `information` that of all equations by it with the priors, `counts` tells which equations the fit hears.
+pub(super) fn left_of_signs(
+    equations: &[Equations],
+    deformation: &dyn Deformation,
+    (information, slope): (&DMatrix<f64>, f64),
+    factors: &[f64; SCALES],
+    counts: impl Fn(&Equation) -> bool + Sync,
+) -> Result<Vec<Signs>> {
+    let basis = deformation.basis();
+    let parameters = deformation.parameters();
+    let rest = information.nrows() - parameters;
+    let firsts: Vec<usize> = (equations.iter())
+        .scan(0, |next, some| {
+            let first = *next;
+            *next += some.list.len();
+            Some(first)
+        })
+        .collect();
+    let sigma_of = |e: &Equation| e.sigma * factors[e.source.scale()];
+    let groups = equations.len().div_ceil(GROUPS).max(1);
+    let sums: Vec<DMatrix<f64>> = (equations.par_chunks(groups).zip(firsts.par_chunks(groups)))
+        .map(|(group, firsts)| {
+            let mut sum = DMatrix::zeros(basis + rest, DRAWS);
+            for (some, first) in group.iter().zip(firsts) {
+                for (n, (equation, vertices, poses)) in some.iter().enumerate() {
+                    if !counts(equation) {
+                        continue;
+                    }
+                    let weight = slope * equation.chance.0 / sigma_of(equation);
+                    let signs = signs_of(first + n);
+                    visit_row(deformation, vertices, poses, &mut |k, entry| {
+                        for (draw, sign) in signs.iter().enumerate() {
+                            sum[(k, draw)] += weight * sign * entry;
+                        }
+                    });
+                }
+            }
+            sum
+        })
+        .collect();
+    let mut sum = DMatrix::zeros(basis + rest, DRAWS);
+    sums.iter().for_each(|some| sum += some);
+    let factor = Factor::of(information).ok_or_else(undetermined)?;
+    let mut moved = DMatrix::zeros(basis + rest, DRAWS);
+    for draw in 0..DRAWS {
+        let own = sum.view((0, draw), (basis, 1));
+        let mut right = DVector::zeros(parameters + rest);
+        match deformation.reduction() {
+            Some(r) => right.rows_mut(0, parameters).copy_from(&r.tr_mul(&own)),
+            None => right.rows_mut(0, parameters).copy_from(&own),
+        }
+        (right.rows_mut(parameters, rest)).copy_from(&sum.view((basis, draw), (rest, 1)));
+        let x = factor.solve(&right);
+        let own = x.rows(0, parameters).into_owned();
+        let in_basis = crate::deformation::in_basis(deformation, &own);
+        moved.view_mut((0, draw), (basis, 1)).copy_from(&in_basis);
+        moved
+            .view_mut((basis, draw), (rest, 1))
+            .copy_from(&x.rows(parameters, rest));
+    }
+    let left: Vec<Vec<Signs>> = (equations.par_iter().zip(&firsts))
+        .map(|(some, first)| {
+            some.iter()
+                .enumerate()
+                .map(|(n, (equation, vertices, poses))| {
+                    let signs = signs_of(first + n);
+                    let mut left = signs;
+                    if counts(equation) {
+                        let by = 1.0 / sigma_of(equation);
+                        visit_row(deformation, vertices, poses, &mut |k, entry| {
+                            for (draw, left) in left.iter_mut().enumerate() {
+                                *left -= by * entry * moved[(k, draw)];
+                            }
+                        });
+                    }
+                    [signs, left]
+                })
+                .collect()
+        })
+        .collect();
+    Ok(left.into_iter().flatten().collect())
+}
+
+/// Signs by a hash.
+fn signs_of(i: usize) -> [f64; DRAWS] {
+    let mut x = (i as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    x ^= x >> 31;
+    std::array::from_fn(|draw| if x >> draw & 1 == 0 { 1.0 } else { -1.0 })
+}
