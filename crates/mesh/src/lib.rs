@@ -48,8 +48,8 @@ pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
 pub use isosurface::isosurface;
 pub use merge::{
-    CommonRegion, Fused, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions, Zipped, fused,
-    searches_of, taper, zipped,
+    CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions,
+    Zipped, fused, noise_likeness, searches_of, taper, zipped,
 };
 pub use mesh::{BoundingBox, TriangleMesh};
 pub use neighbours::Neighbours;

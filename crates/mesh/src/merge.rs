@@ -13,9 +13,11 @@ mod loops;
 mod manifold;
 mod overlap;
 mod ownership;
+mod shared_noise;
 mod valence;
 
 pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap, searches_of};
+pub use shared_noise::{NoiseLikeness, noise_likeness};
 
 use crate::check::Sets;
 use crate::mesh::TriangleMesh;

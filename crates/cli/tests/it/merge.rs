@@ -151,6 +151,10 @@ fn what_cannot_be_merged_is_named() {
         ("empty.obj", ""),
         ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"),
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        (
+            "zero.ply",
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0.1\n1 0 0 0\n0 1 0 0.1\n3 0 1 2\n",
+        ),
         ("part.step", "ISO-10303-21;\n"),
         ("part.iges", "an older part\n"),
     ] {
@@ -166,6 +170,7 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj empty.obj -o w.ply", 2, "empty.obj: the file is empty"),
         ("merge a.obj nan.obj -o w.ply", 2, "nan.obj: line 2"),
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
+        ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1 has σ = 0"),
         (
             "merge a.obj part.step -o w.ply",
             2,

@@ -226,36 +226,72 @@ fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
     Ok(())
 }
 
-/// One σ for all vertices of patches without: what the heights between neighbours show, half of the variance each.
+/// One σ for all vertices of patches without, by what the heights between neighbours show.
+///
+/// A height is to a mean of three corners with weights `b`: its variance is `σ² + Σ b² σ_k²`, of which the other patch's part is taken off where it is known, and has the same σ where it is not. σ is that by which half of the heights are below their median of 0.6745.
 fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
     const MOST: usize = 20_000;
+    const MEDIAN: f64 = 0.6745;
     for i in 0..patches.len() {
         if !patches[i].sigma.is_empty() {
             continue;
         }
         let spacing = median(&known[i].spacing);
         let step = (patches[i].mesh.positions.len() / MOST).max(1);
-        let heights: Vec<f64> = (0..patches[i].mesh.positions.len())
+        // |h|, the factor of σ², and the variance that is known.
+        let heights: Vec<[f64; 3]> = (0..patches[i].mesh.positions.len())
             .into_par_iter()
             .step_by(step)
             .flat_map_iter(|v| {
-                let (known, p) = (&known[i], patches[i].mesh.positions[v]);
+                let (mine, p) = (&known[i], patches[i].mesh.positions[v]);
                 (0..patches.len()).filter(move |j| *j != i).filter_map(move |j| {
                     let foot =
-                        searches[j].closest_compatible_within(p, known.normals[v], SHAPE_ANGLE_RAD, 2.0 * spacing)?;
-                    (!foot.on_boundary).then(|| dot(sub(foot.point, p), known.normals[v]).abs())
+                        searches[j].closest_compatible_within(p, mine.normals[v], SHAPE_ANGLE_RAD, 2.0 * spacing)?;
+                    if foot.on_boundary {
+                        return None;
+                    }
+                    let height = dot(sub(foot.point, p), mine.normals[v]).abs();
+                    let corners = patches[j].mesh.triangles[foot.triangle as usize];
+                    let squares = foot.barycentric.map(|b| b * b);
+                    Some(match patches[j].sigma.is_empty() {
+                        true => [height, 1.0 + squares.iter().sum::<f64>(), 0.0],
+                        false => {
+                            let there = corners.map(|c| patches[j].sigma[c as usize].powi(2));
+                            [height, 1.0, dot(squares, there)]
+                        }
+                    })
                 })
             })
             .collect();
-        // The median of |x| of a normal distribution is 0.6745 σ. A tenth of the rounding of a float keeps σ above nothing.
-        let spread = if heights.is_empty() {
-            0.1 * spacing
-        } else {
-            median(&heights) / 0.6745
-        };
         let size = patches[i].mesh.bounding_box().map_or(1.0, |b| b.diagonal());
-        let sigma = (spread / 2.0_f64.sqrt()).max(1e-8 * size);
-        known[i].sigma = vec![sigma; patches[i].mesh.positions.len()];
+        // A hundred millionth of the size, some rounding of a float, keeps σ above nothing; so does a tenth of what the others are known by.
+        let of_others: Vec<f64> = heights.iter().map(|[.., known]| known.sqrt()).collect();
+        let least = (1e-8 * size).max(if heights.is_empty() {
+            0.0
+        } else {
+            0.1 * median(&of_others)
+        });
+        let sigma = if heights.is_empty() {
+            0.1 * spacing / 2.0_f64.sqrt()
+        } else {
+            let too_small = |sigma: f64| {
+                let normalized: Vec<f64> = (heights.iter())
+                    .map(|[h, factor, known]| h / (factor * sigma * sigma + known).sqrt())
+                    .collect();
+                median(&normalized) > MEDIAN
+            };
+            let (mut low, mut high) = (0.0, 4.0 * spacing);
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                if too_small(middle) {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            0.5 * (low + high)
+        };
+        known[i].sigma = vec![sigma.max(least); patches[i].mesh.positions.len()];
     }
 }
 

@@ -138,3 +138,33 @@ fn bad_patches_are_named() {
     assert!(said(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
     assert!(said(&[patch(vec![]), Patch::default()]).contains("no triangles"));
 }
+
+/// σ that no file states is what vertices are off by, whether the other patch states its own or not.
+#[test]
+fn an_unstated_sigma_is_told_from_differences() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let mut sheet = |shift: f64, sigma: f64| {
+        let mut mesh = grid_sheet(60.0, 60.0, 60, 60);
+        for p in &mut mesh.positions {
+            let noise = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+            *p = [p[0] + shift, p[1] + 0.7 * shift, sigma * noise];
+        }
+        mesh
+    };
+    let (exact, rough) = (sheet(0.0, 0.05), sheet(0.4, 0.2));
+    let alike = [sheet(0.1, 0.1), sheet(0.55, 0.1)];
+    let patch = |mesh: &TriangleMesh, sigma: &[f64]| Patch {
+        mesh: mesh.clone(),
+        sigma: sigma.to_vec(),
+    };
+    let found = |patches: [Patch; 2]| {
+        let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
+        overlap.patches.iter().map(|p| p.sigma[0]).collect::<Vec<_>>()
+    };
+    let stated = vec![0.05; exact.positions.len()];
+    let one = found([patch(&exact, &stated), patch(&rough, &[])]);
+    assert!(one[0] == 0.05 && (one[1] / 0.2 - 1.0).abs() < 0.06, "{one:?}");
+    for sigma in found(alike.each_ref().map(|mesh| patch(mesh, &[]))) {
+        assert!((sigma / 0.1 - 1.0).abs() < 0.06, "{sigma}");
+    }
+}

@@ -8,8 +8,8 @@
 
 use crate::progress::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
-use planish_estimate::{Dispersion, Result};
-use planish_mesh::{Fused, Neighbours, Overlap, Patch};
+use planish_estimate::{Dispersion, ErrorKind, Result};
+use planish_mesh::{Fused, Neighbours, Overlap, Patch, noise_likeness};
 use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 use std::cmp::Ordering;
@@ -20,6 +20,10 @@ const RADIUS: f64 = 12.0;
 const CELL: f64 = 1.75;
 /// A place is covered when pieces weigh so much there; the middle of a piece weighs one.
 const COVERED: f64 = 0.4;
+/// Cells across a piece, at most: where coarse and fine vertices lie together, the fine ones' would be too many.
+const MOST_ACROSS: f64 = 60.0;
+/// A refit needs so many vertices.
+const FEWEST: usize = 4;
 /// Normals of a piece and of its middle: the least cosine.
 const SAME_PIECE: f64 = 0.6;
 /// A refit blends in over so many times the edges over which a patch gains its weight in a mean: at its ends a spline knows less than its covariance says.
@@ -96,8 +100,12 @@ pub(super) fn refitted(
         }
         let fits: Vec<Vec<Said>> = pieces
             .par_iter()
-            .map(|piece| fit(piece, patches, overlap, how).unwrap_or_default())
-            .collect();
+            .map(|piece| match fit(piece, patches, overlap, how) {
+                // What is too few vertices, or all of them on a line, says nothing.
+                Err(e) if e.kind() == ErrorKind::Undetermined => Ok(Vec::new()),
+                other => other,
+            })
+            .collect::<Result<_>>()?;
         for (piece, fit) in pieces.iter().zip(fits) {
             if fit.is_empty() {
                 // Nothing was said: others may.
@@ -112,6 +120,7 @@ pub(super) fn refitted(
             }
         }
     }
+    let likeness = noise_likeness(patches, overlap);
     let out = mean.into_iter().enumerate().map(|(p, mut fused)| {
         for v in 0..fused.positions.len() {
             let place = (p as u32, v as u32);
@@ -126,7 +135,11 @@ pub(super) fn refitted(
             };
             let from = fused.positions[v];
             fused.positions[v] = add_scaled(from, share, sub(to, from));
-            fused.sigma[v] += share * (sigma[p][v] / w - fused.sigma[v]);
+            // Of the variance of a mean of one place of each patch, the refit's is what is left by so many neighbours if each is off on its own.
+            let alone = fused.sigma[v];
+            let neighbours = (alone * w / sigma[p][v]).powi(2);
+            let refit = alone * likeness[p].share_of_mean(neighbours).sqrt();
+            fused.sigma[v] += share * (refit - alone);
         }
         fused
     });
@@ -155,6 +168,9 @@ fn within_others(patches: &[Patch], overlap: &Overlap, (p, v): Place) -> f64 {
 }
 
 fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Result<Vec<Said>> {
+    if piece.members.len() < FEWEST {
+        return Ok(Vec::new());
+    }
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
     let of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
     let count = piece.members.len() as f64;
@@ -201,7 +217,9 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
         Refit::Shared => Dispersion::Estimated,
         Refit::Information => Dispersion::Known(1.0),
     };
-    let field = HeightField::fit(&readings, CELL * spacing, dispersion)?;
+    let extent = (readings.iter()).fold(0.0_f64, |most, r| most.max(r.place[0].abs()).max(r.place[1].abs()));
+    let cell = (CELL * spacing).max(2.0 * extent / MOST_ACROSS);
+    let field = HeightField::fit(&readings, cell, dispersion)?;
     let places: Vec<[f64; 2]> = readings.iter().map(|r| r.place).collect();
     Ok((piece.members.iter().zip(&readings))
         .zip(field.at_all(&places))

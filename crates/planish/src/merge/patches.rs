@@ -89,7 +89,16 @@ pub fn read_patches(
                 None => vec![true; mesh.positions.len()],
             };
             let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
-            let sigma = sigma.filter(|s| s.iter().all(|s| *s > 0.0)).unwrap_or_default();
+            let sigma = sigma.unwrap_or_default();
+            let is_zero = |v: &usize| known[*v] && sigma[*v] <= 0.0;
+            let zeros = (0..sigma.len()).filter(is_zero).count();
+            if let Some(v) = (0..sigma.len()).find(is_zero) {
+                return Err(Error::input(format!(
+                    "{name}: vertex {v} has σ = {}, as {zeros} of {} vertices have no positive one; leave the column `sigma` out where nothing is known",
+                    sigma[v],
+                    sigma.len()
+                )));
+            }
             read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, of_file.or(unit)));
         } else if is_step_file(path) {
             set.inputs.push(path.clone());
