@@ -308,6 +308,15 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     for (patch, _) in &sewn.source {
         kept[*patch as usize] += 1;
     }
+    for (at, k) in order.iter().enumerate().filter(|(at, _)| kept[*at] == 0) {
+        let has_feet = (0..patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
+        if has_feet {
+            warnings.push(format!(
+                "{}: none of its vertices is one of the mesh, as others lie farther within their patches or nearer together; what it says counts where these are put",
+                names[*k]
+            ));
+        }
+    }
     // Where each patch of the files stands.
     let mut stands = vec![0; order.len()];
     for (at, k) in order.iter().enumerate() {
@@ -426,9 +435,19 @@ fn order_in_space(patches: &[Patch]) -> Vec<usize> {
     };
     let first = |patch: &Patch| patch.mesh.positions.iter().copied().min_by(by);
     let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
+    let sorted = |k: usize| {
+        let mut all = patches[k].mesh.positions.clone();
+        all.sort_unstable_by(by);
+        all
+    };
     let mut order: Vec<usize> = (0..patches.len()).collect();
     order.sort_by(|i, j| match (&firsts[*i], &firsts[*j]) {
-        (Some(a), Some(b)) => by(a, b),
+        // Patches that begin at one place differ later on.
+        (Some(a), Some(b)) => by(a, b).then_with(|| {
+            let (a, b) = (sorted(*i), sorted(*j));
+            let differing = a.iter().zip(&b).map(|(a, b)| by(a, b)).find(|order| order.is_ne());
+            differing.unwrap_or(a.len().cmp(&b.len()))
+        }),
         (a, b) => a.is_some().cmp(&b.is_some()),
     });
     order

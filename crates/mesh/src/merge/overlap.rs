@@ -21,7 +21,7 @@ const SHAPE_ANGLE_RAD: f64 = 0.5;
 /// No θ is larger than this, so that two sides of a thin part are told apart.
 const LARGEST_ANGLE_RAD: f64 = 1.2;
 /// Borders that are farther, in edges, do not matter: which patch a place is given to is settled before.
-const FAR: f64 = 10.0;
+pub(super) const FAR: f64 = 10.0;
 /// Beyond a border, in edges: nearer vertices are too near to be sewn to it.
 const BESIDE: f64 = 0.5;
 
@@ -362,51 +362,51 @@ fn feet_of(
     (starts, feet)
 }
 
-/// Regions that two patches share, connected along the edges of the lower one.
+/// Regions that two patches share, connected along the edges of the lower one: between vertices that lie on the higher one, and corners of triangles that vertices of the higher one lie on.
 fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
     let mut regions = Vec::new();
     for i in 0..patches.len() {
         for j in i + 1..patches.len() {
             let on = |k: usize, other: usize, v: usize| {
-                known[k]
-                    .feet(v)
-                    .iter()
-                    .find(|f| f.patch as usize == other && !f.beside)
-                    .copied()
+                let feet = known[k].feet(v).iter();
+                feet.copied().find(|f| f.patch as usize == other && !f.beside)
             };
-            let mine: Vec<Option<OverlapFoot>> = (0..patches[i].mesh.positions.len()).map(|v| on(i, j, v)).collect();
-            if mine.iter().all(Option::is_none) {
+            let of_patch = |k: usize, other: usize| -> Vec<(usize, OverlapFoot)> {
+                (0..patches[k].mesh.positions.len())
+                    .filter_map(|v| on(k, other, v).map(|foot| (v, foot)))
+                    .collect()
+            };
+            let (mine, theirs) = (of_patch(i, j), of_patch(j, i));
+            if mine.is_empty() && theirs.is_empty() {
                 continue;
             }
-            let mut label = Sets::new(mine.len());
-            for t in &patches[i].mesh.triangles {
+            let mesh = &patches[i].mesh;
+            let corners = |foot: &OverlapFoot| mesh.triangles[foot.triangle as usize];
+            let mut shared = vec![false; mesh.positions.len()];
+            for (v, _) in &mine {
+                shared[*v] = true;
+            }
+            for (_, foot) in &theirs {
+                for c in corners(foot) {
+                    shared[c as usize] = true;
+                }
+            }
+            let mut label = Sets::new(shared.len());
+            for t in &mesh.triangles {
                 for k in 0..3 {
                     let (a, b) = (t[k], t[(k + 1) % 3]);
-                    if mine[a as usize].is_some() && mine[b as usize].is_some() {
+                    if shared[a as usize] && shared[b as usize] {
                         label.join(a, b);
                     }
                 }
             }
-            // Points of the other patch count in the region that their feet are in.
             let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
-            for (v, foot) in mine.iter().enumerate() {
-                if let Some(foot) = foot {
-                    let sum = sums.entry(label.root(v as u32)).or_default();
-                    sum.0 += 1;
-                    sum.1 += foot.height * foot.height;
-                }
-            }
-            for v in 0..patches[j].mesh.positions.len() {
-                if let Some(foot) = on(j, i, v) {
-                    let corner = patches[i].mesh.triangles[foot.triangle as usize]
-                        .into_iter()
-                        .find(|c| mine[*c as usize].is_some());
-                    if let Some(corner) = corner {
-                        let sum = sums.entry(label.root(corner)).or_default();
-                        sum.0 += 1;
-                        sum.1 += foot.height * foot.height;
-                    }
-                }
+            let of_mine = mine.iter().map(|(v, foot)| (*v as u32, foot.height));
+            let of_theirs = theirs.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
+            for (vertex, height) in of_mine.chain(of_theirs) {
+                let sum = sums.entry(label.root(vertex)).or_default();
+                sum.0 += 1;
+                sum.1 += height * height;
             }
             regions.extend(sums.into_values().map(|(points, squares)| CommonRegion {
                 patches: [i, j],

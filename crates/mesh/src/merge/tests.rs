@@ -114,7 +114,7 @@ fn sheets_side_by_side_become_one_and_the_outline_stays() {
 #[test]
 fn a_patch_twice_or_inside_another_changes_nothing() {
     let sheet = grid_sheet(10.0, 10.0, 31, 31);
-    let small = grid_sheet(3.0, 3.0, 17, 17);
+    let small = grid_sheet(3.0, 3.0, 12, 12);
     let (_, zipped) = merge(&[sheet.clone(), sheet.clone(), small], 0.01, &OverlapOptions::default());
     assert_eq!(zipped.mesh.triangles.len(), sheet.triangles.len());
     assert!((zipped.mesh.area() - 100.0).abs() < 1e-9);
@@ -167,4 +167,77 @@ fn an_unstated_sigma_is_told_from_differences() {
     for sigma in found(alike.each_ref().map(|mesh| patch(mesh, &[]))) {
         assert!((sigma / 0.1 - 1.0).abs() < 0.06, "{sigma}");
     }
+}
+
+fn moved(mut mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
+    for p in &mut mesh.positions {
+        *p = std::array::from_fn(|k| p[k] + by[k]);
+    }
+    mesh
+}
+
+/// Where two sheets are equally far within, the same one has all of a place, whatever its numbers are rounded to: a whole without holes, of the same triangles at every scale.
+#[test]
+fn a_seam_does_not_hang_on_rounding() {
+    for scale in [1.0, 0.7, 0.01, 0.001] {
+        let sheet = grid_sheet(400.0 * scale, 80.0 * scale, 400, 80);
+        let other = moved(sheet.clone(), [200.6 * scale, 0.14 * scale, 0.0]);
+        let (_, zipped) = merge(&[sheet, other], 0.01 * scale, &OverlapOptions::default());
+        let check = zipped.mesh.check();
+        assert!(check.boundary_loops == 1 && check.manifold, "{scale}: {check:?}");
+        let area = zipped.mesh.area() / (scale * scale);
+        assert!((area - 600.6 * 80.0).abs() < 30.0, "{scale}: {area}");
+    }
+}
+
+/// Two pictures of a camera that stands still have the same border up to noise: one of them is kept, whole.
+#[test]
+fn two_scans_from_one_place_leave_no_holes() {
+    for sigma in [0.001, 0.03] {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let mut scan = || {
+            let mut mesh = grid_sheet(40.0, 20.0, 80, 40);
+            for p in &mut mesh.positions {
+                p[2] = sigma * ((0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0);
+            }
+            mesh
+        };
+        let meshes = [scan(), scan()];
+        let (_, zipped) = merge(&meshes, sigma, &OverlapOptions::default());
+        let check = zipped.mesh.check();
+        assert_eq!(check.boundary_loops, 1, "{sigma}: {check:?}");
+        assert!(zipped.mesh.area() >= 799.0, "{sigma}: {}", zipped.mesh.area());
+    }
+}
+
+/// What a fine patch shows between the vertices of a coarse one stays, and what is told of the coarse one's cells holds where a fine patch lies within one of them.
+#[test]
+fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
+    let coarse = grid_sheet(100.0, 100.0, 20, 20);
+    let mut fine = grid_sheet(30.0, 30.0, 60, 60);
+    let bump = |x: f64, y: f64| 0.5 * (-(x * x + y * y) / 8.0).exp();
+    for p in &mut fine.positions {
+        p[2] = bump(p[0], p[1]);
+    }
+    for order in [[0, 1], [1, 0]] {
+        let patches = [(&coarse, 0.2), (&fine, 0.02)]
+            .map(|(mesh, sigma)| Patch::tidy(mesh, &vec![sigma; mesh.positions.len()]).unwrap().patch);
+        let patches = order.map(|k| patches[k].clone());
+        let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
+        let zipped = zipped(&patches, &overlap, &fused(&patches, &overlap), &ZipOptions::default()).unwrap();
+        let check = zipped.mesh.check();
+        assert!(check.boundary_loops == 1 && check.manifold, "{check:?}");
+        let top = zipped.mesh.positions.iter().map(|p| p[2]).fold(0.0, f64::max);
+        assert!((top - 0.5).abs() < 0.02, "{top}");
+    }
+}
+
+/// A patch that lies within one triangle of another shares a region with it.
+#[test]
+fn a_patch_on_one_triangle_overlaps() {
+    let plate = grid_sheet(100.0, 100.0, 4, 4);
+    let fine = moved(grid_sheet(4.0, 3.0, 40, 28), [8.0, 4.0, 0.01]);
+    let (overlap, _) = merge(&[plate, fine.clone()], 0.05, &OverlapOptions::default());
+    assert_eq!(overlap.regions.len(), 1);
+    assert_eq!(overlap.regions[0].points, fine.positions.len());
 }

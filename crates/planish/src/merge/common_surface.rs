@@ -8,7 +8,7 @@
 
 use crate::progress::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
-use planish_estimate::{Dispersion, ErrorKind, Result};
+use planish_estimate::{Dispersion, Result};
 use planish_mesh::{Fused, Neighbours, Overlap, Patch, noise_likeness};
 use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
@@ -100,12 +100,9 @@ pub(super) fn refitted(
         }
         let fits: Vec<Vec<Said>> = pieces
             .par_iter()
-            .map(|piece| match fit(piece, patches, overlap, how) {
-                // What is too few vertices, or all of them on a line, says nothing.
-                Err(e) if e.kind() == ErrorKind::Undetermined => Ok(Vec::new()),
-                other => other,
-            })
-            .collect::<Result<_>>()?;
+            // What cannot be fitted (vertices on a line, an exact plane) says nothing: the mean stands there.
+            .map(|piece| fit(piece, patches, overlap, how).unwrap_or_default())
+            .collect();
         for (piece, fit) in pieces.iter().zip(fits) {
             if fit.is_empty() {
                 // Nothing was said: others may.
