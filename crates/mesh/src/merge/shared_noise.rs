@@ -127,7 +127,7 @@ fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
     let step = differences.len().div_ceil(LOOKED_AT).max(1);
     for depth in top..batches.depth() {
         let of_level: Vec<&[u32]> = (batches.batches(depth).enumerate())
-            .filter(|(k, batch)| (k >> (depth - top)) % step == 0 && batch.len() > 1)
+            .filter(|(k, batch)| (k >> (depth - top)).is_multiple_of(step) && batch.len() > 1)
             .map(|(_, batch)| batch)
             .collect();
         let found: Vec<Sums> = of_level.par_iter().map(|batch| of_batch(batch, differences)).collect();
