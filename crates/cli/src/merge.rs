@@ -1,11 +1,12 @@
 //! `planish merge`.
 
 use crate::merge_args::MergeArgs;
-use crate::numbers::{count, significant};
+use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::ValueEnum;
 use planish::merge::{
-    MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged, write_spline,
+    FillReport, MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged,
+    write_spline,
 };
 use planish::next::Length;
 use planish::progress::Progress;
@@ -47,6 +48,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         epsilon: args.epsilon,
         theta_deg: args.theta,
         fill: args.fill,
+        curvature: args.curvature,
         align: args.align,
     };
     let merged = merge_files(&args.patches, args.complete.as_ref(), &options, progress)?;
@@ -123,7 +125,32 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     if args.align {
         all.push("--align".to_owned());
     }
+    if args.curvature {
+        all.push("--curvature".to_owned());
+    }
     all
+}
+
+/// What fills holes, and what was left open.
+fn filled_in_words(filled: &FillReport) -> String {
+    let mut words = format!(
+        "{} filled with {} vertices (`observed` 2, σ a guess)",
+        counted(filled.holes, "hole"),
+        count(filled.vertices)
+    );
+    if filled.left_open > 0 {
+        words += &format!(
+            "; {} left open, with more edges than --fill allows",
+            counted(filled.left_open, "hole")
+        );
+    }
+    if filled.outer_rims > 0 {
+        words += &format!(
+            "; {} left open, as that of a sheet is",
+            counted(filled.outer_rims, "outer rim")
+        );
+    }
+    words + "."
 }
 
 fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -> String {
@@ -219,6 +246,18 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
             count(completed.vertices),
             completed.name,
             count(completed.carved)
+        ));
+    }
+    if let Some(filled) = &report.filled {
+        lines.gap();
+        lines.line(filled_in_words(filled));
+    }
+    if report.fragments_left_out > 0 {
+        lines.gap();
+        lines.line(format!(
+            "{} of a few triangles that were left over {} left out.",
+            counted(report.fragments_left_out, "part"),
+            if report.fragments_left_out == 1 { "was" } else { "were" }
         ));
     }
     lines.poses(&report.poses, unit);

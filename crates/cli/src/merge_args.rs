@@ -58,7 +58,7 @@ pub struct MergeArgs {
     /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline [default: information where all patches state σ, else refit]
     #[arg(long, value_name = "METHOD", value_enum)]
     pub method: Option<MethodName>,
-    /// ε: places nearer than this may be one, as a length [default: three σ of their difference]
+    /// ε: places nearer than this may be one, as a length [default: 2.58 σ of their difference, 99 %]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub epsilon: Option<Length>,
     /// θ: normals of one place differ by less, in degrees [default: by σ and the length of edges, at most 69]
@@ -67,9 +67,12 @@ pub struct MergeArgs {
     /// Bring patches that stand a little off (a percent of their size, a degree) onto the first before they are merged
     #[arg(long)]
     pub align: bool,
-    /// Close holes of up to so many edges, those of the patches too
+    /// Fill holes of up to so many edges, smoothly: new vertices are flagged as completed, their σ is a guess. The outer rim of a sheet is no hole
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,
+    /// Tell of every vertex how the surface bends there, and whether it is on the border: columns `mean_curvature`, `gaussian_curvature`, `sigma_mean_curvature`, `border` in .ply and .glb
+    #[arg(long)]
+    pub curvature: bool,
     /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull` writes: it stands where no patch is, flagged as completed
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub complete: Option<PathBuf>,

@@ -97,6 +97,12 @@ fn sort_at_each_vertex(keyed: &mut [u64], starts: &[u32]) {
     });
 }
 
+/// The edge between two vertices, whichever way round.
+#[inline]
+pub(crate) fn edge(a: u32, b: u32) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
 /// Whether a triangle names a vertex twice.
 pub(crate) fn is_collapsed(t: [u32; 3]) -> bool {
     t[0] == t[1] || t[1] == t[2] || t[2] == t[0]

@@ -25,9 +25,12 @@
 mod bvh;
 mod check;
 mod crossings;
+mod curvature;
 mod deviation;
 mod edges;
 mod facet_tree;
+mod filling;
+mod half_edges;
 mod isosurface;
 mod merge;
 mod mesh;
@@ -44,8 +47,10 @@ mod winding;
 
 pub use check::MeshCheck;
 pub use crossings::SelfCrossings;
+pub use curvature::{VertexCurvature, vertex_curvature};
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use facet_tree::{FacetTree, NearFacet};
+pub use filling::{Filled, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
     CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions,

@@ -9,7 +9,6 @@
 
 mod border;
 mod front;
-mod loops;
 mod manifold;
 mod overlap;
 mod ownership;
@@ -20,9 +19,9 @@ pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverl
 pub use shared_noise::{NoiseLikeness, noise_likeness};
 
 use crate::check::Sets;
+use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
 use front::{Cloth, sew};
-use loops::close_loops;
 use manifold::{manifold, one_fan_each};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
@@ -102,8 +101,8 @@ pub struct Fused {
 /// How patches are sewn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ZipOptions {
-    /// Holes of up to so many edges are closed, those of the patches too. None are where it is zero.
-    pub fill: usize,
+    /// Holes of up to so many edges are closed without new vertices, those of the patches too. None are where it is zero.
+    pub notches: usize,
 }
 
 /// Patches sewn into one mesh.
@@ -121,6 +120,8 @@ pub struct Zipped {
     pub kept: usize,
     /// Holes of the seams, and of the patches where asked for, that were closed.
     pub holes_closed: usize,
+    /// Parts of a few triangles that were left out.
+    pub fragments: usize,
     /// Edges that were turned to even out how many meet at a vertex.
     pub turned: usize,
     /// How many vertices of the seams have how many edges.
@@ -257,13 +258,13 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             .sum();
         let most = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
         // Once round a hole that could have been sewn across.
-        hole.len() <= options.fill || cut && length <= 4.0 * most
+        hole.len() <= options.notches || cut && length <= 4.0 * most
     };
-    let longest = LONGEST_SEAM_HOLE.max(options.fill);
+    let longest = LONGEST_SEAM_HOLE.max(options.notches);
     let holes_closed = close_loops(&positions, &normals, &mut triangles, longest, of_seam);
     let (mut triangles, again) = one_fan_each(triangles, positions.len());
     let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
-    let kept = drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
+    let (kept, fragments) = drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
     let left = renumber(&mut triangles, again.len());
     let of_old: Vec<u32> = left.into_iter().map(|v| again[v as usize]).collect();
     let positions: Vec<[f64; 3]> = of_old.iter().map(|v| positions[*v as usize]).collect();
@@ -290,6 +291,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         stitched,
         kept,
         holes_closed,
+        fragments,
         turned,
         valence: histogram,
     })
@@ -312,8 +314,8 @@ fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
     old
 }
 
-/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or single wrong readings. Gives how many of the first `kept` triangles are left.
-fn drop_fragments(triangles: &mut Vec<[u32; 3]>, kept: usize, vertices: usize, smallest: usize) -> usize {
+/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or single wrong readings. Gives how many of the first `kept` triangles are left, and how many parts are not.
+fn drop_fragments(triangles: &mut Vec<[u32; 3]>, kept: usize, vertices: usize, smallest: usize) -> (usize, usize) {
     let mut parts = Sets::new(vertices);
     for t in triangles.iter() {
         parts.join(t[0], t[1]);
@@ -323,10 +325,11 @@ fn drop_fragments(triangles: &mut Vec<[u32; 3]>, kept: usize, vertices: usize, s
     for t in triangles.iter() {
         size[parts.root(t[0]) as usize] += 1;
     }
+    let fragments = size.iter().filter(|n| (1..=smallest).contains(*n)).count();
     let mut stays = |t: &[u32; 3]| size[parts.root(t[0]) as usize] > smallest;
     let left = triangles[..kept].iter().filter(|t| stays(t)).count();
     triangles.retain(stays);
-    left
+    (left, fragments)
 }
 
 #[cfg(test)]

@@ -71,6 +71,26 @@ pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
     (smallest_angle(corners), longest * longest / doubled)
 }
 
+/// What of a triangle's area a corner has: what is nearest to it, or, where one angle is obtuse, half of the area for that corner and a quarter for the others, so that the areas of a mesh add up to its own (M. Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
+pub(crate) fn mixed_area(corners: &[[f64; 3]; 3], k: usize) -> f64 {
+    let whole = area(corners);
+    let [p, q, r] = [0, 1, 2].map(|i| corners[(k + i) % 3]);
+    let cosines = [
+        dot(sub(q, p), sub(r, p)),
+        dot(sub(r, q), sub(p, q)),
+        dot(sub(p, r), sub(q, r)),
+    ];
+    if cosines[0] <= 0.0 {
+        return 0.5 * whole;
+    }
+    if cosines[1] <= 0.0 || cosines[2] <= 0.0 || whole == 0.0 {
+        return 0.25 * whole;
+    }
+    // |pq|² cot r + |pr|² cot q, over eight; the cotangent is the cosine over twice the area.
+    let squared = |a: [f64; 3], b: [f64; 3]| dot(sub(a, b), sub(a, b));
+    (squared(p, q) * cosines[2] + squared(p, r) * cosines[1]) / (16.0 * whole)
+}
+
 /// The smallest angle in radians: the one across the shortest edge.
 pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
     let across: [f64; 3] = std::array::from_fn(|k| {

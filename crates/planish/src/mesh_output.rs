@@ -14,7 +14,7 @@ use crate::point_sigmas::sigmas_along;
 use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
-use planish_mesh::TriangleMesh;
+use planish_mesh::{TriangleMesh, VertexCurvature};
 use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
 
@@ -188,7 +188,15 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
 /// # Errors
 /// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be written; nothing is left half-written.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
-    write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, mesh.unit)
+    write_known_mesh(
+        path,
+        &mesh.mesh,
+        &mesh.normals,
+        &mesh.sigma,
+        &mesh.observed,
+        None,
+        mesh.unit,
+    )
 }
 
 /// Writes a mesh whose every vertex says how well it is known, as the path's extension says.
@@ -201,14 +209,24 @@ pub(crate) fn write_known_mesh(
     normals: &[[f64; 3]],
     sigma: &[f64],
     observed: &[u8],
+    curvature: Option<&VertexCurvature>,
     unit: Unit,
 ) -> Result<()> {
+    let mut columns = vec![("sigma", Column::F64(sigma)), ("observed", Column::U8(observed))];
+    if let Some(known) = curvature {
+        columns.extend([
+            ("mean_curvature", Column::F64(&known.mean)),
+            ("gaussian_curvature", Column::F64(&known.gaussian)),
+            ("sigma_mean_curvature", Column::F64(&known.sigma_mean)),
+            ("border", Column::U8(&known.border)),
+        ]);
+    }
     write_mesh(
         path,
         &MeshColumns {
             points: &mesh.positions,
             normals: Some(normals),
-            columns: vec![("sigma", Column::F64(sigma)), ("observed", Column::U8(observed))],
+            columns,
             triangles: &mesh.triangles,
             unit: Some(unit),
         },

@@ -57,17 +57,45 @@ fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
     let area = read["area"].as_f64().expect("a number");
     let exact = 2.0 * std::f64::consts::PI * 100.0 * 2.0 * 80_f64.to_radians().sin();
     assert!((area / exact - 1.0).abs() < 0.01, "{area}, {exact}");
-    // Asked for, the poles are closed.
+    // Asked for, the poles are filled as the ball goes on, flagged; holes with more edges stay.
     let filled = planish(
         folder.path(),
-        &["merge", "low.obj", "high.obj", "--fill", "72", "--json"],
+        &[
+            "merge",
+            "low.obj",
+            "high.obj",
+            "--fill",
+            "72",
+            "--curvature",
+            "-o",
+            "filled.ply",
+            "--json",
+        ],
+    )
+    .ok()
+    .json();
+    let (watertight, lids) = (&filled["watertight"], &filled["filled"]);
+    assert_eq!(
+        (watertight, &lids["holes"], &lids["left_open"]),
+        (&true.into(), &2.into(), &0.into()),
+        "{filled:#}"
+    );
+    assert!(lids["vertices"].as_u64() > Some(100), "{filled:#}");
+    let read = planish(folder.path(), &["info", "filled.ply", "--json"]).ok().json();
+    let columns = read["columns"].to_string();
+    assert!(
+        columns.contains("mean_curvature") && columns.contains("border"),
+        "{read:#}"
+    );
+    let left = planish(
+        folder.path(),
+        &["merge", "low.obj", "high.obj", "--fill", "71", "--json"],
     )
     .ok()
     .json();
     assert_eq!(
-        (&filled["watertight"], &filled["holes_closed"]),
-        (&true.into(), &2.into()),
-        "{filled:#}"
+        (&left["filled"]["holes"], &left["filled"]["left_open"]),
+        (&0.into(), &2.into())
     );
 }
 

@@ -1,6 +1,6 @@
 //! How far the vertices of a patch are from its border.
 
-use super::manifold::{NONE, opposites};
+use crate::half_edges::{NONE, opposites};
 use crate::mesh::TriangleMesh;
 use crate::neighbours::Neighbours;
 use planish_estimate::vector3::distance;

@@ -9,7 +9,7 @@
 //!
 //! Not guaranteed: that a gap is closed, or that triangles of pieces which fold over each other do not cross.
 
-use super::manifold::{NONE, next_in_triangle, opposites};
+use crate::half_edges::{NONE, next_in_triangle, opposites};
 use planish_estimate::vector3::{add, cross, distance, dot, scale, sub, unit};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};

@@ -4,6 +4,7 @@
 //! what was left out is small.
 
 use crate::edges::{EdgeTable, is_collapsed};
+use crate::half_edges::{NONE, next_in_triangle, opposites, opposites_of, previous_in_triangle};
 use crate::mesh::TriangleMesh;
 
 /// A mesh whose edges and vertices are manifold and oriented.
@@ -96,37 +97,6 @@ fn parted(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -> (V
         *corners = std::array::from_fn(|k| new_of_corner[3 * t + k]);
     }
     (triangles, source)
-}
-
-/// No half-edge: the border.
-pub(super) const NONE: u32 = u32::MAX;
-
-/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the border.
-pub(super) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
-    opposites_of(&EdgeTable::of(triangles), triangles.len())
-}
-
-fn opposites_of(table: &EdgeTable, triangles: usize) -> Vec<u32> {
-    let mut opposite = vec![NONE; 3 * triangles];
-    for edge in 0..table.len() {
-        if let [a, b] = *table.half_edges(edge) {
-            opposite[a as usize] = b;
-            opposite[b as usize] = a;
-        }
-    }
-    opposite
-}
-
-/// The half-edge after one in its triangle.
-#[inline]
-pub(super) fn next_in_triangle(half: u32) -> u32 {
-    if half % 3 == 2 { half - 2 } else { half + 1 }
-}
-
-/// The half-edge before one in its triangle.
-#[inline]
-pub(super) fn previous_in_triangle(half: u32) -> u32 {
-    if half.is_multiple_of(3) { half + 2 } else { half - 1 }
 }
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Three σ: 99.7 % of two measurements of one place are nearer (χ² of one degree of freedom, 9.0).
-const GATE: f64 = 3.0;
+/// So many σ: 99 % of two measurements of one place are nearer (χ² of one degree of freedom, 6.63). Farther ones are rarely three to a triangle, so that next to nothing is left of them; with 99.7 % scans that err by more than their σ says are drawn together over more than one sheet.
+const GATE: f64 = 2.576;
 /// The angle that shapes may turn by between two samplings, beside what noise does.
 const SHAPE_ANGLE_RAD: f64 = 0.5;
 /// No θ is larger than this, so that two sides of a thin part are told apart.

@@ -3,7 +3,8 @@
 //! Comes in: a surface and the vertices that may change. Goes out: the same vertices with as many triangles, each turn of an edge lessening `Σ (valence − 6)²` (4 on the border) without folding the surface. Not guaranteed: six everywhere, which the
 //! topology does not allow.
 
-use super::manifold::{NONE, next_in_triangle, opposites, previous_in_triangle};
+use crate::edges::edge;
+use crate::half_edges::{NONE, around, next_in_triangle, opposites, previous_in_triangle, turn};
 use crate::triangle::smallest_angle;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::{HashMap, HashSet};
@@ -166,7 +167,7 @@ impl<'a> Net<'a> {
             }
             // Only edges between vertices that are free are ever made.
             if free[a as usize] && free[b as usize] {
-                edges.insert([a.min(b), a.max(b)]);
+                edges.insert(edge(a, b));
             }
         }
         Self {
@@ -196,18 +197,13 @@ impl<'a> Net<'a> {
         self.corner(next_in_triangle(half))
     }
 
-    /// The ends of an edge, and the corners across it.
-    fn around(&self, half: u32, over: u32) -> [u32; 4] {
-        [half, over, previous_in_triangle(half), previous_in_triangle(over)].map(|h| self.corner(h))
-    }
-
-    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`Self::around`]); none where it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
+    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`around`]); none where it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
     fn change(&self, half: u32) -> Option<(i64, [u32; 4])> {
         let over = self.opposite[half as usize];
         if over == NONE {
             return None;
         }
-        let around = self.around(half, over);
+        let around = around(self.triangles, half, over);
         let [a, b, c, d] = around;
         if !around.iter().all(|v| self.free[*v as usize])
             || c == d
@@ -231,7 +227,7 @@ impl<'a> Net<'a> {
     /// Whether an edge among such vertices may be turned: there is none yet where it would come to lie, and nothing folds.
     fn may_turn(&self, around: [u32; 4]) -> bool {
         let [_, _, c, d] = around;
-        !self.edges.contains(&[c.min(d), c.max(d)]) && self.stays_flat(around)
+        !self.edges.contains(&edge(c, d)) && self.stays_flat(around)
     }
 
     /// Whether the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
@@ -257,36 +253,13 @@ impl<'a> Net<'a> {
 
     /// Turns an edge, without a question; gives its triangles. The edge is then the first of both.
     fn turn(&mut self, half: u32) -> [u32; 2] {
-        let over = self.opposite[half as usize];
-        let [a, b, c, d] = self.around(half, over);
-        let outer = [
-            next_in_triangle(half),
-            previous_in_triangle(half),
-            next_in_triangle(over),
-            previous_in_triangle(over),
-        ];
-        let [bc, ca, ad, db] = outer.map(|h| self.opposite[h as usize]);
-        let (t, s) = (half / 3, over / 3);
-        self.triangles[t as usize] = [c, d, b];
-        self.triangles[s as usize] = [d, c, a];
-        let links = [
-            (3 * t, 3 * s),
-            (3 * t + 1, db),
-            (3 * t + 2, bc),
-            (3 * s + 1, ca),
-            (3 * s + 2, ad),
-        ];
-        for (mine, theirs) in links {
-            self.opposite[mine as usize] = theirs;
-            if theirs != NONE {
-                self.opposite[theirs as usize] = mine;
-            }
-        }
+        let [a, b, c, d] = around(self.triangles, half, self.opposite[half as usize]);
+        let [t, s] = turn(self.triangles, &mut self.opposite, half);
         for (v, leaving) in [(c, 3 * t), (d, 3 * s), (b, 3 * t + 2), (a, 3 * s + 2)] {
             self.leaves[v as usize] = leaving;
         }
-        self.edges.remove(&[a.min(b), a.max(b)]);
-        self.edges.insert([c.min(d), c.max(d)]);
+        self.edges.remove(&edge(a, b));
+        self.edges.insert(edge(c, d));
         self.valence[a as usize] -= 1;
         self.valence[b as usize] -= 1;
         self.valence[c as usize] += 1;

@@ -51,7 +51,7 @@ pub(super) struct Completed {
 }
 
 /// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches that face against the bound are turned over.
-pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<Completed> {
+pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
     let edge = (mesh.area() / mesh.triangles.len() as f64 * 4.0 / 3.0_f64.sqrt()).sqrt();
@@ -85,6 +85,7 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<C
             source: (0..count as u32).map(|v| (0, v)).collect(),
             stitched: vec![false; count],
             holes_closed: 0,
+            fragments: 0,
             turned: 0,
             valence: Vec::new(),
             mesh: first.mesh,
@@ -101,8 +102,7 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch, fill: usize) -> Result<C
             positions: patch.mesh.positions.clone(),
             sigma: patch.sigma.clone(),
         });
-        let fill = fill.max(NOTCH);
-        zipped(&patches, &overlap, &places, &ZipOptions { fill })?
+        zipped(&patches, &overlap, &places, &ZipOptions { notches: NOTCH })?
     };
     // Holes may have been closed across what is empty.
     let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
@@ -263,6 +263,7 @@ mod tests {
                 stitched: vec![false; count],
                 kept: patch.mesh.triangles.len(),
                 holes_closed: 0,
+                fragments: 0,
                 turned: 0,
                 valence: Vec::new(),
                 mesh: patch.mesh,
@@ -272,7 +273,7 @@ mod tests {
                 mesh: bound,
                 sigma: Vec::new(),
             };
-            let done = completed(&merged, &bound, 0).unwrap();
+            let done = completed(&merged, &bound).unwrap();
             let check = done.whole.mesh.check();
             assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");
             assert!(done.whole.mesh.signed_volume().unwrap() > 0.0);

@@ -157,7 +157,15 @@ pub(super) fn written(
             let mesh = &patch.mesh;
             let seen = vec![1; mesh.positions.len()];
             let unit = unit.unwrap_or(Unit::Millimetre);
-            write_known_mesh(&output.path, mesh, &mesh.vertex_normals(), &patch.sigma, &seen, unit)?;
+            write_known_mesh(
+                &output.path,
+                mesh,
+                &mesh.vertex_normals(),
+                &patch.sigma,
+                &seen,
+                None,
+                unit,
+            )?;
             patch.report.files.push(written_mesh(output.path, output.format, mesh));
         }
         if let (Some(fit), false) = (&patch.spline, splines.is_empty()) {

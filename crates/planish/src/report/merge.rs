@@ -69,6 +69,14 @@ fn merge_page(merged: &Merged) -> Page {
             counted(completed.carved, "triangle")
         );
     }
+    if let Some(filled) = &report.filled {
+        mesh_text += &format!(
+            " {} {} filled smoothly with {}, whose σ is a guess.",
+            counted(filled.holes, "hole"),
+            if filled.holes == 1 { "was" } else { "were" },
+            counted(filled.vertices, "vertex")
+        );
+    }
     if let Some(quality) = &report.quality {
         mesh_text += &format!(
             " Smallest angles: median {}°, one in a hundred below {}°.",

@@ -357,7 +357,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             match write_moved(output, &textured, &found.positions, stated, picture.as_deref())? {
                 Some(files) => written.extend(files),
                 None => {
-                    write_known_mesh(output, &found, &normals, &sigma, &observed, units.unit())?;
+                    write_known_mesh(output, &found, &normals, &sigma, &observed, None, units.unit())?;
                     written.push(output.clone());
                 }
             }

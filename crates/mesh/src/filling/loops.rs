@@ -1,17 +1,14 @@
-//! Small holes closed with the triangles of least area.
+//! Loops of a border, and those of a seam closed without new vertices.
 //!
-//! Comes in: a surface with borders. Goes out: triangles over loops that are short enough and may be closed, without new vertices. Cost O(n³) for a loop of n edges (G. Barequet, M. Sharir, *Filling gaps in the boundary of a
-//! polyhedron*, 1995). Not guaranteed: that the new triangles cross nothing.
+//! Comes in: triangles whose edges are manifold. Goes out: the loops of their border; triangles over those that may be closed ([`least_cover`]). Not guaranteed: that the new triangles cross nothing.
 
-use super::manifold::{NONE, next_in_triangle, opposites};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use super::cover::{Surroundings, least_cover};
+use crate::edges::edge;
+use crate::half_edges::{NONE, next_in_triangle, opposites};
 use std::collections::HashSet;
 
-/// A triangle that faces the other way than its corners counts so many times its area.
-const FOLDED: f64 = 4.0;
-
 /// Loops of a border, none by a vertex twice: the vertices in the direction of the triangles along them.
-pub(super) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
+pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let opposite = opposites(triangles);
     let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
     let mut done = vec![false; opposite.len()];
@@ -60,7 +57,7 @@ fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
 }
 
 /// Closes loops of at most `longest` edges for which `may_close` holds. Gives how many.
-pub(super) fn close_loops(
+pub(crate) fn close_loops(
     positions: &[[f64; 3]],
     normals: &[[f64; 3]],
     triangles: &mut Vec<[u32; 3]>,
@@ -80,7 +77,7 @@ pub(super) fn close_loops(
         for k in 0..3 {
             let (a, b) = (t[k], t[(k + 1) % 3]);
             if on_loop[a as usize] && on_loop[b as usize] {
-                edges.insert([a.min(b), a.max(b)]);
+                edges.insert(edge(a, b));
             }
         }
     }
@@ -96,10 +93,15 @@ pub(super) fn close_loops(
         if lone {
             continue;
         }
-        if let Some(cover) = least_cover(positions, normals, &vertices, &edges) {
+        let around = Surroundings {
+            positions,
+            normals,
+            edges: &edges,
+        };
+        if let Some(cover) = least_cover(&around, &vertices) {
             for t in &cover {
                 for k in 0..3 {
-                    edges.insert([t[k].min(t[(k + 1) % 3]), t[k].max(t[(k + 1) % 3])]);
+                    edges.insert(edge(t[k], t[(k + 1) % 3]));
                 }
             }
             triangles.extend(cover);
@@ -112,63 +114,6 @@ pub(super) fn close_loops(
 fn sorted(mut t: [u32; 3]) -> [u32; 3] {
     t.sort_unstable();
     t
-}
-
-/// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop.
-fn least_cover(
-    positions: &[[f64; 3]],
-    normals: &[[f64; 3]],
-    vertices: &[u32],
-    edges: &HashSet<[u32; 2]>,
-) -> Option<Vec<[u32; 3]>> {
-    let n = vertices.len();
-    if n < 3 {
-        return None;
-    }
-    let at = |k: usize| positions[vertices[k] as usize];
-    let cost = |i: usize, j: usize, k: usize| {
-        // Seen against the loop: k, j, i.
-        let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
-        let facing: f64 = [i, j, k].iter().map(|v| dot(normals[vertices[*v] as usize], up)).sum();
-        norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
-    };
-    let free = |i: usize, j: usize| {
-        let (a, b) = (vertices[i], vertices[j]);
-        !edges.contains(&[a.min(b), a.max(b)])
-    };
-    let mut best = vec![0.0; n * n];
-    let mut split = vec![usize::MAX; n * n];
-    for gap in 2..n {
-        for i in 0..n - gap {
-            let k = i + gap;
-            best[i * n + k] = f64::INFINITY;
-            if gap + 1 < n && !free(i, k) {
-                continue;
-            }
-            for j in i + 1..k {
-                let sum = best[i * n + j] + best[j * n + k] + cost(i, j, k);
-                if sum < best[i * n + k] {
-                    best[i * n + k] = sum;
-                    split[i * n + k] = j;
-                }
-            }
-        }
-    }
-    if !best[n - 1].is_finite() {
-        return None;
-    }
-    let mut cover = Vec::with_capacity(n - 2);
-    let mut spans = vec![(0, n - 1)];
-    while let Some((i, k)) = spans.pop() {
-        if k < i + 2 {
-            continue;
-        }
-        let j = split[i * n + k];
-        cover.push([vertices[k], vertices[j], vertices[i]]);
-        spans.push((i, j));
-        spans.push((j, k));
-    }
-    Some(cover)
 }
 
 #[cfg(test)]

@@ -1,0 +1,110 @@
+//! A loop covered with triangles between its vertices.
+//!
+//! Comes in: a loop of a border, the normals beside it, and the edges in use. Goes out: triangles of least area (G. Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), turned against the loop. Cost O(n³) for up to
+//! [`LONG`] edges; a longer loop is parted by short chords first.
+//! Not guaranteed: that the triangles cross nothing; least area for long loops.
+
+use crate::edges::edge;
+use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use std::collections::HashSet;
+
+/// A triangle that faces the other way than its corners counts so many times its area.
+const FOLDED: f64 = 4.0;
+/// Loops with more edges are parted by chords.
+const LONG: usize = 300;
+/// Chords are looked for between so many vertices of a loop.
+const LOOKED_AT: usize = 2000;
+
+/// What a cover must fit.
+pub(super) struct Surroundings<'a> {
+    pub positions: &'a [[f64; 3]],
+    pub normals: &'a [[f64; 3]],
+    /// Edges between vertices of loops that are there already.
+    pub edges: &'a HashSet<[u32; 2]>,
+}
+
+/// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop; none where there is none.
+pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+    let mut cover = Vec::with_capacity(vertices.len());
+    let mut parts = vec![vertices.to_vec()];
+    while let Some(part) = parts.pop() {
+        if part.len() <= LONG {
+            cover.extend(least_of_short(around, &part)?);
+        } else {
+            let [from, to] = best_chord(around, &part)?;
+            let rest = part[to..].iter().chain(&part[..=from]).copied().collect();
+            parts.extend([part[from..=to].to_vec(), rest]);
+        }
+    }
+    Some(cover)
+}
+
+/// The shortest chord with a fourth of a loop on either side at least, of so many as there is time for.
+fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]> {
+    let n = vertices.len();
+    let step = n.div_ceil(LOOKED_AT);
+    let at = |k: usize| around.positions[vertices[k] as usize];
+    let chords = (0..n).step_by(step).flat_map(|from| {
+        let last = (from + 3 * n / 4).min(n - 1);
+        (from + n / 4..=last).step_by(step).map(move |to| [from, to])
+    });
+    chords
+        .filter(|[from, to]| !around.edges.contains(&edge(vertices[*from], vertices[*to])))
+        .map(|[from, to]| (distance(at(from), at(to)), [from, to]))
+        .filter(|(length, _)| *length > 0.0)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, chord)| chord)
+}
+
+/// [`least_cover`] of a loop that is not long.
+fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+    let n = vertices.len();
+    if n < 3 {
+        return None;
+    }
+    let at = |k: usize| around.positions[vertices[k] as usize];
+    let cost = |i: usize, j: usize, k: usize| {
+        // Seen against the loop: k, j, i.
+        let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
+        let facing: f64 = [i, j, k]
+            .iter()
+            .map(|v| dot(around.normals[vertices[*v] as usize], up))
+            .sum();
+        norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
+    };
+    // Fans that were parted have vertices in one place.
+    let free = |i: usize, j: usize| at(i) != at(j) && !around.edges.contains(&edge(vertices[i], vertices[j]));
+    let mut best = vec![0.0; n * n];
+    let mut split = vec![usize::MAX; n * n];
+    for gap in 2..n {
+        for i in 0..n - gap {
+            let k = i + gap;
+            best[i * n + k] = f64::INFINITY;
+            if gap + 1 < n && !free(i, k) {
+                continue;
+            }
+            for j in i + 1..k {
+                let sum = best[i * n + j] + best[j * n + k] + cost(i, j, k);
+                if sum < best[i * n + k] {
+                    best[i * n + k] = sum;
+                    split[i * n + k] = j;
+                }
+            }
+        }
+    }
+    if !best[n - 1].is_finite() {
+        return None;
+    }
+    let mut cover = Vec::with_capacity(n - 2);
+    let mut spans = vec![(0, n - 1)];
+    while let Some((i, k)) = spans.pop() {
+        if k < i + 2 {
+            continue;
+        }
+        let j = split[i * n + k];
+        cover.push([vertices[k], vertices[j], vertices[i]]);
+        spans.push((i, j));
+        spans.push((j, k));
+    }
+    Some(cover)
+}

@@ -1,0 +1,136 @@
+//! The cover of a hole cut into triangles like those beside it.
+//!
+//! Comes in: triangles between the vertices of a loop, and the length of edges at each. Goes out: triangles over more vertices, with edges as long as those of the loop beside it and by [`GRADE`] of the way longer farther in, so that a large hole takes few
+//! (P. Liepa, *Filling holes in meshes*, 2003, section 4, without the grading: triangles are divided in their middle, and edges turned). Not guaranteed: that vertices lie where a surface would have them.
+
+use crate::edges::edge;
+use crate::half_edges::{NONE, around, divide, opposites, turn};
+use crate::triangle::{area_vector, smallest_angle};
+use planish_estimate::vector3::{add, add_scaled, distance, dot, scale, sub, unit};
+use std::collections::HashSet;
+
+/// Edges grow by this share of the way from the border.
+const GRADE: f64 = 0.2;
+/// A triangle is divided where its middle is farther from each corner than so many edges.
+const DIVIDED: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// All triangles are looked at so many times at most; each time the longest edges are about halved.
+const MOST_PASSES: usize = 40;
+/// Steps by which vertices are spread.
+const SPREADS: usize = 10;
+/// An edge is turned where the smallest angle beside it grows by more than this share.
+const GROWS: f64 = 1e-9;
+
+/// The triangles of a hole.
+pub(super) struct Lid {
+    /// Triangles of the vertices below.
+    pub triangles: Vec<[u32; 3]>,
+    /// Where its vertices are: those of the loop first.
+    pub positions: Vec<[f64; 3]>,
+    /// The half-edge that runs the other way.
+    opposite: Vec<u32>,
+    /// Edges within it, and edges in use between vertices of the loop.
+    edges: HashSet<[u32; 2]>,
+}
+
+impl Lid {
+    /// A cover with its vertices numbered along the loop; `taken` are the edges between those that are not its own.
+    pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, taken: HashSet<[u32; 2]>) -> Self {
+        let mut edges = taken;
+        for t in &triangles {
+            edges.extend([edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])]);
+        }
+        Self {
+            opposite: opposites(&triangles),
+            triangles,
+            positions,
+            edges,
+        }
+    }
+
+    /// Divides triangles until their edges are so long as `lengths` says at the loop, graded within.
+    pub fn refine(&mut self, lengths: &[f64]) {
+        let mut lengths = lengths.to_vec();
+        self.relax();
+        for _ in 0..MOST_PASSES {
+            let before = self.triangles.len();
+            for t in 0..before {
+                let corners = self.triangles[t];
+                let at = corners.map(|v| self.positions[v as usize]);
+                let middle = scale(1.0 / 3.0, add(at[0], add(at[1], at[2])));
+                let away = at.map(|p| distance(p, middle));
+                let graded = |k: usize| lengths[corners[k] as usize] + GRADE * away[k];
+                let length = graded(0).min(graded(1)).min(graded(2));
+                let large = |k: usize| away[k] > DIVIDED * length.max(lengths[corners[k] as usize]);
+                if large(0) && large(1) && large(2) {
+                    let v = self.positions.len() as u32;
+                    self.positions.push(middle);
+                    lengths.push(length);
+                    self.edges.extend(corners.map(|c| edge(c, v)));
+                    divide(&mut self.triangles, &mut self.opposite, t as u32, v);
+                }
+            }
+            self.relax();
+            if self.triangles.len() == before {
+                break;
+            }
+        }
+    }
+
+    /// Turns edges while the smallest angle beside them grows, which ends, as the angles in order do.
+    pub fn relax(&mut self) {
+        let mut queue: Vec<u32> = (0..self.opposite.len() as u32).rev().collect();
+        while let Some(half) = queue.pop() {
+            if self.may_turn(half) {
+                let [a, b, c, d] = around(&self.triangles, half, self.opposite[half as usize]);
+                let [t, s] = turn(&mut self.triangles, &mut self.opposite, half);
+                self.edges.remove(&edge(a, b));
+                self.edges.insert(edge(c, d));
+                queue.extend([3 * t + 1, 3 * t + 2, 3 * s + 1, 3 * s + 2]);
+            }
+        }
+    }
+
+    /// Moves inner vertices along the surface towards the middle of their neighbours, so that triangles become even.
+    pub fn spread(&mut self, rim: usize) {
+        for _ in 0..SPREADS {
+            let n = self.positions.len();
+            let (mut sums, mut counts, mut normals) = (vec![[0.0; 3]; n], vec![0.0; n], vec![[0.0; 3]; n]);
+            for t in &self.triangles {
+                let corners = t.map(|v| self.positions[v as usize]);
+                let up = area_vector(&corners);
+                for k in 0..3 {
+                    let v = t[k] as usize;
+                    sums[v] = add(sums[v], add(corners[(k + 1) % 3], corners[(k + 2) % 3]));
+                    counts[v] += 2.0;
+                    normals[v] = add(normals[v], up);
+                }
+            }
+            for v in rim..n {
+                let Some(normal) = unit(normals[v]) else { continue };
+                let way = sub(scale(1.0 / counts[v], sums[v]), self.positions[v]);
+                let along = add_scaled(way, -dot(way, normal), normal);
+                self.positions[v] = add_scaled(self.positions[v], 0.5, along);
+            }
+        }
+    }
+
+    fn may_turn(&self, half: u32) -> bool {
+        let over = self.opposite[half as usize];
+        if over == NONE {
+            return false;
+        }
+        let [a, b, c, d] = around(&self.triangles, half, over);
+        if self.edges.contains(&edge(c, d)) {
+            return false;
+        }
+        let corners = |t: [u32; 3]| t.map(|v| self.positions[v as usize]);
+        let (old, new) = ([[a, b, c], [b, a, d]].map(corners), [[c, d, b], [d, c, a]].map(corners));
+        let least = |both: &[[[f64; 3]; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
+        if least(&new) <= (1.0 + GROWS) * least(&old) {
+            return false;
+        }
+        let (up, turned) = (old.each_ref().map(area_vector), new.each_ref().map(area_vector));
+        let mean = add(up[0], up[1]);
+        dot(turned[0], turned[1]) > 0.0 && turned.iter().all(|n| dot(*n, mean) > 0.0)
+    }
+}

@@ -1,0 +1,123 @@
+use super::*;
+use crate::primitives::{cylinder, grid_sheet, icosphere};
+use planish_estimate::ErrorKind;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A ball of radius one without what is above a height.
+fn open_ball(below: f64) -> TriangleMesh {
+    let mut ball = icosphere(1.0, 5);
+    let kept: Vec<[u32; 3]> = (0..ball.triangles.len())
+        .filter(|&t| ball.corners(t).iter().all(|p| p[2] < below))
+        .map(|t| ball.triangles[t])
+        .collect();
+    ball.triangles = kept;
+    let used = crate::Patch::tidy(&ball, &[]).unwrap().patch;
+    used.mesh
+}
+
+fn filled(mesh: &TriangleMesh, longest: usize) -> Filled {
+    fill_holes(mesh, &vec![0.001; mesh.positions.len()], longest, &mut |_| Ok(())).unwrap()
+}
+
+/// A lid carries on the curvature around it: a ball stays a ball, where a flat lid would be off by 1 − cos θ (0.1, 0.3, 0.7) and a thin plate by a fifth of that; σ says by how much it may be off.
+#[test]
+fn a_ball_stays_a_ball() {
+    for (below, most) in [(0.9, 0.001), (0.7, 0.005), (0.3, 0.02)] {
+        let ball = open_ball(below);
+        let n = ball.positions.len();
+        let done = filled(&ball, 10_000);
+        let check = done.mesh.check();
+        assert!(
+            check.watertight && check.oriented && check.manifold,
+            "{below}: {check:?}"
+        );
+        assert_eq!((done.holes, done.rims, done.larger, done.uncovered), (1, 0, 0, 0));
+        assert_eq!(&done.mesh.positions[..n], &ball.positions[..]);
+        let (mut worst, mut over) = (0.0_f64, 0.0_f64);
+        for (p, s) in done.mesh.positions.iter().zip(&done.sigma).skip(n) {
+            let off = (norm(*p) - 1.0).abs();
+            worst = worst.max(off);
+            over = over.max(off / s);
+        }
+        let angles: Vec<f64> = (ball.triangles.len()..done.mesh.triangles.len())
+            .map(|t| crate::triangle_shape(&done.mesh.corners(t)).0)
+            .collect();
+        let small = angles.iter().filter(|a| **a < 0.35).count();
+        println!(
+            "below {below}: {} vertices, off by {worst:.4}, {over:.2} σ; {small} of {} angles below 20°",
+            done.mesh.positions.len() - n,
+            angles.len()
+        );
+        assert!(
+            done.mesh.positions.len() > n + 20 && worst < most && over < 1.0,
+            "{below}: {worst}, {over}"
+        );
+        assert!(20 * small < angles.len(), "{small} of {}", angles.len());
+    }
+}
+
+/// Noise at the border is carried inwards, and σ grows as much.
+#[test]
+fn sigma_of_a_lid_covers_noise() {
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut outside = 0;
+    let mut count = 0;
+    for sigma in [0.001, 0.005] {
+        let mut ball = open_ball(0.7);
+        let n = ball.positions.len();
+        for p in &mut ball.positions {
+            // Uniform, with this standard deviation.
+            let off = sigma * 12_f64.sqrt() * (rng.random::<f64>() - 0.5);
+            *p = scale(1.0 + off, *p);
+        }
+        let done = fill_holes(&ball, &vec![sigma; n], 10_000, &mut |_| Ok(())).unwrap();
+        let over: Vec<f64> = (done.mesh.positions.iter().zip(&done.sigma).skip(n))
+            .map(|(p, s)| (norm(*p) - 1.0).abs() / s)
+            .collect();
+        println!("{sigma}: {:.2} σ at most", over.iter().copied().fold(0.0, f64::max));
+        outside += over.iter().filter(|o| **o > 1.96).count();
+        count += over.len();
+    }
+    assert!(20 * outside <= count, "{outside} of {count}");
+}
+
+/// The rim of a sheet and of a shallow dome is no hole; one in the sheet is, and stays flat; the ends of a tube are.
+#[test]
+fn outer_rims_stay_open() {
+    let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
+    sheet
+        .triangles
+        .retain(|t| t.iter().any(|v| norm(sheet.positions[*v as usize]) > 0.5));
+    let sheet = crate::Patch::tidy(&sheet, &[]).unwrap().patch.mesh;
+    let done = filled(&sheet, 10_000);
+    assert_eq!((done.holes, done.rims), (1, 1));
+    assert!(done.mesh.positions.iter().all(|p| p[2].abs() < 1e-9));
+    assert!((done.mesh.area() - 4.0).abs() < 1e-9);
+    let dome = open_ball(-0.5);
+    let turned = TriangleMesh::try_new(
+        dome.positions.iter().map(|p| [p[0], -p[1], -p[2]]).collect(),
+        dome.triangles.clone(),
+    );
+    assert_eq!(filled(&turned.unwrap(), 10_000).rims, 1);
+    let tube = filled(&cylinder(1.0, 3.0, 40, 20, false), 40);
+    assert!(tube.mesh.check().watertight && tube.holes == 2);
+    assert_eq!(filled(&cylinder(1.0, 3.0, 40, 20, false), 39).larger, 2);
+    // The border of a lone triangle is no hole.
+    let lone = TriangleMesh::try_new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+    assert_eq!((filled(&lone, 10).holes, filled(&lone, 10).rims), (0, 1));
+}
+
+/// A long loop is covered in two steps, soon, and may be stopped.
+#[test]
+fn long_loops_are_covered_too() {
+    let tube = cylinder(1.0, 0.02, 3000, 3, false);
+    let done = filled(&tube, 10_000);
+    let check = done.mesh.check();
+    assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
+    assert!(done.mesh.positions.len() < 60_000, "{}", done.mesh.positions.len());
+    let sigma = vec![0.001; tube.positions.len()];
+    let stopped = fill_holes(&tube, &sigma, 10_000, &mut |_| Err(Error::interrupted()));
+    assert_eq!(stopped.unwrap_err().kind(), ErrorKind::Interrupted);
+    assert!(fill_holes(&tube, &sigma[1..], 10, &mut |_| Ok(())).is_err());
+}

@@ -1,0 +1,123 @@
+//! Half-edges: those of triangle `t` are `3 t + k`, from corner `k` to the next.
+//!
+//! Comes in: triangles whose edges are manifold and oriented. Goes out: which half-edge runs the other way, kept true while edges are turned and triangles divided. Not guaranteed: that a turned edge is not there already.
+
+use crate::edges::EdgeTable;
+
+/// No half-edge: the border.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the border.
+pub(crate) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
+    opposites_of(&EdgeTable::of(triangles), triangles.len())
+}
+
+/// [`opposites`] of edges that are known.
+pub(crate) fn opposites_of(table: &EdgeTable, triangles: usize) -> Vec<u32> {
+    let mut opposite = vec![NONE; 3 * triangles];
+    for edge in 0..table.len() {
+        if let [a, b] = *table.half_edges(edge) {
+            opposite[a as usize] = b;
+            opposite[b as usize] = a;
+        }
+    }
+    opposite
+}
+
+/// The half-edge after one in its triangle.
+#[inline]
+pub(crate) fn next_in_triangle(half: u32) -> u32 {
+    if half % 3 == 2 { half - 2 } else { half + 1 }
+}
+
+/// The half-edge before one in its triangle.
+#[inline]
+pub(crate) fn previous_in_triangle(half: u32) -> u32 {
+    if half.is_multiple_of(3) { half + 2 } else { half - 1 }
+}
+
+/// The ends of an edge, and the corners across it: of triangles (a, b, c) and (b, a, d).
+#[inline]
+pub(crate) fn around(triangles: &[[u32; 3]], half: u32, over: u32) -> [u32; 4] {
+    let corner = |h: u32| triangles[h as usize / 3][h as usize % 3];
+    [half, over, previous_in_triangle(half), previous_in_triangle(over)].map(corner)
+}
+
+/// Turns the edge (a, b) of [`around`] to (c, d), without a question: triangles (c, d, b) and (d, c, a), whose first half-edges are the edge's.
+pub(crate) fn turn(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) -> [u32; 2] {
+    let over = opposite[half as usize];
+    let [a, b, c, d] = around(triangles, half, over);
+    let outer = [
+        next_in_triangle(half),
+        previous_in_triangle(half),
+        next_in_triangle(over),
+        previous_in_triangle(over),
+    ];
+    let [bc, ca, ad, db] = outer.map(|h| opposite[h as usize]);
+    let (t, s) = (half / 3, over / 3);
+    triangles[t as usize] = [c, d, b];
+    triangles[s as usize] = [d, c, a];
+    let links = [
+        (3 * t, 3 * s),
+        (3 * t + 1, db),
+        (3 * t + 2, bc),
+        (3 * s + 1, ca),
+        (3 * s + 2, ad),
+    ];
+    for (mine, theirs) in links {
+        link(opposite, mine, theirs);
+    }
+    [t, s]
+}
+
+/// Divides a triangle at a vertex within it; the two more are the last.
+pub(crate) fn divide(triangles: &mut Vec<[u32; 3]>, opposite: &mut Vec<u32>, triangle: u32, vertex: u32) {
+    let [a, b, c] = triangles[triangle as usize];
+    let outer: [u32; 3] = std::array::from_fn(|k| opposite[3 * triangle as usize + k]);
+    let (t, s, r) = (triangle, triangles.len() as u32, triangles.len() as u32 + 1);
+    triangles[t as usize] = [a, b, vertex];
+    triangles.extend([[b, c, vertex], [c, a, vertex]]);
+    opposite.extend([NONE; 6]);
+    for (of, over) in [t, s, r].into_iter().zip(outer) {
+        link(opposite, 3 * of, over);
+    }
+    for (of, next) in [(t, s), (s, r), (r, t)] {
+        link(opposite, 3 * of + 1, 3 * next + 2);
+    }
+}
+
+fn link(opposite: &mut [u32], mine: u32, theirs: u32) {
+    opposite[mine as usize] = theirs;
+    if theirs != NONE {
+        opposite[theirs as usize] = mine;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitives::{grid_sheet, icosphere};
+
+    #[test]
+    fn opposites_stay_true_through_turns_and_divisions() {
+        for mesh in [icosphere(1.0, 2), grid_sheet(1.0, 1.0, 4, 5)] {
+            let (mut triangles, mut opposite) = (mesh.triangles.clone(), opposites(&mesh.triangles));
+            for (vertex, half) in (mesh.positions.len() as u32..).zip((0..opposite.len() as u32).step_by(7)) {
+                if opposite[half as usize] != NONE {
+                    turn(&mut triangles, &mut opposite, half);
+                }
+                divide(&mut triangles, &mut opposite, half / 3, vertex);
+            }
+            for (half, over) in (0_u32..).zip(&opposite).filter(|(_, over)| **over != NONE) {
+                let corner = |h: u32| triangles[h as usize / 3][h as usize % 3];
+                assert_eq!(opposite[*over as usize], half);
+                assert_eq!(
+                    [corner(half), corner(next_in_triangle(half))],
+                    [corner(next_in_triangle(*over)), corner(*over)]
+                );
+            }
+            let border = |of: &[u32]| of.iter().filter(|over| **over == NONE).count();
+            assert_eq!(border(&opposite), border(&opposites(&mesh.triangles)));
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! What comes of a merge.
+//!
+//! Comes in: counts and shapes. Goes out: [`Merged`] and its [`MergeReport`], whose keys are those of `--json`. Not guaranteed: anything; these are plain records.
+
+use super::MergeMethod;
+use crate::model::{PoseReport, SigmaSummary};
+use planish_exchange::Unit;
+use planish_mesh::{TriangleMesh, VertexCurvature};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// A region that two patches share.
+#[derive(Debug, Clone, Serialize, PartialEq)]
+pub struct RegionReport {
+    /// Both patches, counted from 0 in the order of [`MergeReport::patches`].
+    pub patches: [usize; 2],
+    /// Vertices of either that lie on the other.
+    pub points: usize,
+    /// Root mean square of the heights between both, before they were merged.
+    pub rms: f64,
+}
+
+/// What was merged.
+#[derive(Debug, Clone, Serialize)]
+pub struct PatchReport {
+    /// Its file or scan.
+    pub name: String,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Vertices in the whole.
+    pub vertices_kept: usize,
+    /// Whether it was turned over, as it faced the other way than the patches that it lies on.
+    pub turned_over: bool,
+    /// Median of its σ; estimated where none was stated.
+    pub sigma: f64,
+}
+
+/// The shapes of triangles.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct TriangleQuality {
+    /// Median of their smallest angles, in degrees.
+    pub smallest_angle_median_deg: f64,
+    /// The smallest angle that 99 of 100 exceed, in degrees.
+    pub smallest_angle_p1_deg: f64,
+    /// Longest edge over height on it: the median, and what 99 of 100 stay below. 1.15 is best.
+    pub aspect_median: f64,
+    /// As above.
+    pub aspect_p99: f64,
+}
+
+/// What a bound added to the patches.
+#[derive(Debug, Clone, Serialize)]
+pub struct CompletionReport {
+    /// Its file.
+    pub name: String,
+    /// Its vertices in the whole, which `observed` gives as completed.
+    pub vertices: usize,
+    /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
+    pub carved: usize,
+}
+
+/// What filling added to the patches.
+#[derive(Debug, Clone, Serialize)]
+pub struct FillReport {
+    /// Holes that were filled.
+    pub holes: usize,
+    /// Vertices in them, which `observed` gives as completed.
+    pub vertices: usize,
+    /// Triangles in them.
+    pub triangles: usize,
+    /// Borders that look outwards, as that of a sheet does: they were left open.
+    pub outer_rims: usize,
+    /// Holes with more edges than were allowed, and those that could not be covered: they were left open.
+    pub left_open: usize,
+}
+
+/// What came of a merge.
+#[derive(Debug, Clone, Serialize)]
+pub struct MergeReport {
+    /// How shared places were fused.
+    pub method: MergeMethod,
+    /// Vertices of the whole.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Edges of one triangle.
+    pub boundary_edges: usize,
+    /// Edges of three and more: none, by construction.
+    pub nonmanifold_edges: usize,
+    /// Whether nothing is open.
+    pub watertight: bool,
+    /// Connected parts.
+    pub parts: usize,
+    /// Common regions, largest first.
+    pub regions: Vec<RegionReport>,
+    /// What was merged.
+    pub patches: Vec<PatchReport>,
+    /// How patches were moved onto the first, where they were aligned.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub poses: Vec<PoseReport>,
+    /// What stands where no patch is, where a bound was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub completed: Option<CompletionReport>,
+    /// What fills holes, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filled: Option<FillReport>,
+    /// Whether σ was told from how patches differ where none was stated.
+    pub sigma_estimated: bool,
+    /// Quantiles of σ of the whole, over its vertices.
+    pub sigma: SigmaSummary,
+    /// Triangles that sew patches together.
+    pub stitched_triangles: usize,
+    /// Holes of the seams that were closed.
+    pub holes_closed: usize,
+    /// Parts of a few triangles that were left over, and left out.
+    pub fragments_left_out: usize,
+    /// `valence[n]`: vertices of seams where n edges meet.
+    pub valence: Vec<usize>,
+    /// The shapes of all triangles.
+    pub quality: Option<TriangleQuality>,
+    /// Files read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Unit of every length.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A merged mesh.
+#[derive(Debug, Clone)]
+pub struct Merged {
+    /// Positions and triangles.
+    pub mesh: TriangleMesh,
+    /// Unit normals of the vertices.
+    pub normals: Vec<[f64; 3]>,
+    /// σ along them.
+    pub sigma: Vec<f64>,
+    /// 1 where it was measured, 2 where it was completed.
+    pub observed: Vec<u8>,
+    /// How it bends, where that was asked for.
+    pub curvature: Option<VertexCurvature>,
+    /// What came of it.
+    pub report: MergeReport,
+}

@@ -1,0 +1,258 @@
+//! Patches made ready to be merged, and what is told of them afterwards.
+//!
+//! Comes in: patches as they were read. Goes out: those that are no copies, turned and moved to lie on one another, in an order that does not hang on that of the files; where they overlap; and the report, which names them in the order of the files. Not guaranteed: that patches in frames of their own come together.
+
+use super::align::align;
+use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
+use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
+use super::patches::PatchSet;
+use super::{MergeMethod, MergeOptions};
+use crate::model::{PoseReport, SigmaSummary};
+use crate::progress::{Part, Progress};
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_mesh::{MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, Zipped, quantile_of_sorted};
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// Patches in the order of [`order_in_space`], and what is known of them in the order of the files.
+pub(super) struct Ready {
+    /// The patches, in space.
+    pub patches: Vec<Patch>,
+    searches: Vec<MeshSearch>,
+    /// For each patch in space, its number among the files.
+    order: Vec<usize>,
+    names: Vec<String>,
+    observed: Vec<Vec<u8>>,
+    turned: Vec<bool>,
+    poses: Vec<PoseReport>,
+    /// Whether some patch crosses itself.
+    pub crosses: bool,
+    unit: Unit,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// What was done to patches once they were ready.
+pub(super) struct Done {
+    pub method: MergeMethod,
+    pub completed: Option<CompletionReport>,
+    pub filled: Option<FillReport>,
+    /// Triangles that sew patches together.
+    pub stitched: usize,
+    /// Vertices of the whole that are of each patch in space.
+    pub kept: Vec<usize>,
+    pub inputs: Vec<PathBuf>,
+}
+
+impl Ready {
+    /// Leaves copies out, turns patches alike, and aligns them where that is asked for.
+    pub fn of(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
+        let PatchSet {
+            patches: named,
+            unit,
+            mut warnings,
+            ..
+        } = set;
+        for named in named.iter().filter(|p| p.tidied.dropped > 0) {
+            warnings.push(format!(
+                "{}: {} triangles were left out, as other triangles have their edges already",
+                named.name, named.tidied.dropped
+            ));
+        }
+        let named = leave_out_copies(named, &mut warnings)?;
+        let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
+        let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
+        let (mut patches, numbers): (Vec<Patch>, Vec<Vec<u32>>) =
+            named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
+        let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
+        let crossed = crossings(&searches, &names, &numbers);
+        let crosses = !crossed.is_empty();
+        warnings.extend(crossed);
+        for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
+            warnings.push(format!(
+                "{name} faced the other way than the patches that it lies on: it was turned over"
+            ));
+        }
+        let poses = match options.align {
+            true => {
+                let part = Part::new(progress, 0.1, 0.3);
+                let (poses, told) = align(&mut patches, &mut searches, &names, &part)?;
+                warnings.extend(told);
+                poses
+            }
+            false => Vec::new(),
+        };
+        let order = order_in_space(&patches);
+        Ok(Self {
+            patches: in_order(patches, &order),
+            searches: in_order(searches, &order),
+            order,
+            names,
+            observed,
+            turned,
+            poses,
+            crosses,
+            unit: unit.unwrap_or(Unit::Millimetre),
+            warnings,
+        })
+    }
+
+    /// Where patches lie on one another; says which lie on none.
+    pub fn overlap(&mut self, options: &MergeOptions) -> Result<Overlap> {
+        let overlap = Overlap::find_with(
+            &self.patches,
+            &self.searches,
+            &OverlapOptions {
+                epsilon: options.epsilon.map(|epsilon| epsilon.in_unit(self.unit)),
+                theta_rad: options.theta_deg.map(f64::to_radians),
+            },
+        )?;
+        let in_space = in_order(self.names.clone(), &self.order);
+        if overlap.regions.is_empty() {
+            return Err(Error::undetermined(format!(
+                "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
+                self.patches.len(),
+                nearest(&self.patches, &self.searches, &in_space, self.unit)
+            )));
+        }
+        for (k, name) in self.names.iter().enumerate() {
+            let shares = |patches: &[usize; 2]| patches.iter().any(|p| self.order[*p] == k);
+            if !overlap.regions.iter().any(|r| shares(&r.patches)) {
+                self.warnings
+                    .push(format!("{name} overlaps no other patch: it stays a part of its own"));
+            }
+        }
+        if options.epsilon.is_none() {
+            self.warnings
+                .extend(unalike(&self.patches, &overlap, &in_space, self.unit));
+        }
+        Ok(overlap)
+    }
+
+    /// How many vertices of the whole are of each patch in space; says which have none.
+    pub fn kept(&mut self, sewn: &Zipped, overlap: &Overlap) -> Vec<usize> {
+        let mut kept = vec![0; self.patches.len()];
+        for (patch, _) in &sewn.source {
+            if let Some(kept) = kept.get_mut(*patch as usize) {
+                *kept += 1;
+            }
+        }
+        for (at, k) in self.order.iter().enumerate().filter(|(at, _)| kept[*at] == 0) {
+            let has_feet = (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
+            if has_feet {
+                self.warnings.push(format!(
+                    "{}: none of its vertices is one of the mesh, as others lie farther within their patches or nearer together; what it says counts where these are put",
+                    self.names[*k]
+                ));
+            }
+        }
+        kept
+    }
+
+    /// 1 for vertices that were measured, 2 for those that were completed or fill a hole.
+    pub fn observed(&self, sewn: &Zipped) -> Vec<u8> {
+        let of = |(patch, v): &(u32, u32)| {
+            let Some(file) = self.order.get(*patch as usize) else {
+                return 2;
+            };
+            self.observed[*file].get(*v as usize).copied().unwrap_or(1)
+        };
+        sewn.source.iter().map(of).collect()
+    }
+
+    /// What came of it, in the order of the files.
+    pub fn report(&self, sewn: &Zipped, overlap: &Overlap, done: Done) -> MergeReport {
+        let check = sewn.mesh.check();
+        // Where each patch of the files stands.
+        let mut stands = vec![0; self.order.len()];
+        for (at, k) in self.order.iter().enumerate() {
+            stands[*k] = at;
+        }
+        let region = |r: &planish_mesh::CommonRegion| {
+            let [a, b] = r.patches.map(|p| self.order[p]);
+            RegionReport {
+                patches: [a.min(b), a.max(b)],
+                points: r.points,
+                rms: r.rms,
+            }
+        };
+        let patch = |(k, at): (usize, &usize)| PatchReport {
+            name: self.names[k].clone(),
+            triangles: self.patches[*at].mesh.triangles.len(),
+            vertices_kept: done.kept[*at],
+            turned_over: self.turned[k],
+            sigma: SigmaSummary::of(overlap.patches[*at].sigma.clone()).median,
+        };
+        MergeReport {
+            method: done.method,
+            vertices: check.vertices,
+            triangles: check.triangles,
+            boundary_edges: check.boundary_edges,
+            nonmanifold_edges: check.nonmanifold_edges,
+            watertight: check.watertight,
+            parts: check.components,
+            regions: overlap.regions.iter().map(region).collect(),
+            patches: stands.iter().enumerate().map(patch).collect(),
+            poses: self.poses.clone(),
+            completed: done.completed,
+            filled: done.filled,
+            sigma_estimated: overlap.sigma_estimated,
+            sigma: SigmaSummary::of(sewn.sigma.clone()),
+            stitched_triangles: done.stitched,
+            holes_closed: sewn.holes_closed,
+            fragments_left_out: sewn.fragments,
+            valence: sewn.valence.clone(),
+            quality: quality(&sewn.mesh),
+            inputs: done.inputs,
+            unit: self.unit,
+            warnings: self.warnings.clone(),
+        }
+    }
+}
+
+/// The numbers of patches in the order of their first places in space.
+fn order_in_space(patches: &[Patch]) -> Vec<usize> {
+    let by = |a: &[f64; 3], b: &[f64; 3]| {
+        let by = |k: usize| a[k].total_cmp(&b[k]);
+        by(0).then(by(1)).then(by(2))
+    };
+    let first = |patch: &Patch| patch.mesh.positions.iter().copied().min_by(by);
+    let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
+    let sorted = |k: usize| {
+        let mut all = patches[k].mesh.positions.clone();
+        all.sort_unstable_by(by);
+        all
+    };
+    let mut order: Vec<usize> = (0..patches.len()).collect();
+    order.sort_by(|i, j| match (&firsts[*i], &firsts[*j]) {
+        // Patches that begin at one place differ later on.
+        (Some(a), Some(b)) => by(a, b).then_with(|| {
+            let (a, b) = (sorted(*i), sorted(*j));
+            let differing = a.iter().zip(&b).map(|(a, b)| by(a, b)).find(|order| order.is_ne());
+            differing.unwrap_or(a.len().cmp(&b.len()))
+        }),
+        (a, b) => a.is_some().cmp(&b.is_some()),
+    });
+    order
+}
+
+fn in_order<T>(of: Vec<T>, order: &[usize]) -> Vec<T> {
+    let mut of: Vec<Option<T>> = of.into_iter().map(Some).collect();
+    order.iter().filter_map(|k| of[*k].take()).collect()
+}
+
+fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {
+    let (mut angles, mut aspects): (Vec<f64>, Vec<f64>) = (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|t| planish_mesh::triangle_shape(&mesh.corners(t)))
+        .unzip();
+    angles.par_sort_unstable_by(f64::total_cmp);
+    aspects.par_sort_unstable_by(f64::total_cmp);
+    (!angles.is_empty()).then(|| TriangleQuality {
+        smallest_angle_median_deg: quantile_of_sorted(&angles, 0.5).to_degrees(),
+        smallest_angle_p1_deg: quantile_of_sorted(&angles, 0.01).to_degrees(),
+        aspect_median: quantile_of_sorted(&aspects, 0.5),
+        aspect_p99: quantile_of_sorted(&aspects, 0.99),
+    })
+}
