@@ -56,7 +56,7 @@ pub use merge::{
     CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions,
     Zipped, fused, noise_likeness, searches_of, taper, zipped,
 };
-pub use mesh::{BoundingBox, TriangleMesh};
+pub use mesh::{BoundingBox, Distortion, TriangleMesh};
 pub use neighbours::Neighbours;
 pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;

@@ -4,13 +4,28 @@
 //! Not guaranteed: manifoldness, closedness, or triangles with area; [`TriangleMesh::check`] tells.
 
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub};
 use planish_estimate::{Error, Result};
 
 use crate::check::MeshCheck;
+use crate::edges::EdgeTable;
 use crate::triangle;
+
+/// Triangles beside a fold are turned away from one another by more than 120°.
+const FOLDED_COSINE: f64 = -0.5;
+/// An edge is stretched where it grew by so many times what the median edge did.
+const STRETCHED: f64 = 4.0;
+
+/// What became of triangles whose vertices were moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Distortion {
+    /// Edges of two triangles that stood at less than a right angle to one another, and are turned away by more than 120° now.
+    pub folds: usize,
+    /// Edges that grew by four times what the median edge did, and more: spikes.
+    pub stretched: usize,
+}
 
 /// Triangles over shared vertices.
 ///
@@ -204,6 +219,54 @@ impl TriangleMesh {
         BoundingBox::of(&self.positions)
     }
 
+    /// The box of the vertices that triangles have: a vertex that none has is no part of the surface, however far away it is.
+    #[must_use]
+    pub fn surface_bounds(&self) -> Option<BoundingBox> {
+        let corners = self.triangles.iter().flatten();
+        BoundingBox::around(corners.map(|v| self.positions[*v as usize]))
+    }
+
+    /// The triangles without those that lie on an earlier one: with the same three corners in space, whichever way round.
+    #[must_use]
+    pub fn triangles_once(&self) -> Vec<[u32; 3]> {
+        let mut known = HashSet::with_capacity(self.triangles.len());
+        let key = |t: &[u32; 3]| {
+            // Zero has two signs.
+            let mut corners = t.map(|v| self.positions[v as usize].map(|x| (x + 0.0).to_bits()));
+            corners.sort_unstable();
+            corners
+        };
+        let first = |t: &&[u32; 3]| known.insert(key(t));
+        self.triangles.iter().filter(first).copied().collect()
+    }
+
+    /// What became of the triangles where the vertices now are.
+    ///
+    /// # Panics
+    /// Where `now` has fewer places than the mesh has vertices.
+    #[must_use]
+    pub fn distortion(&self, now: &[[f64; 3]]) -> Distortion {
+        let normal = |t: usize, at: &[[f64; 3]]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
+        let table = EdgeTable::of(&self.triangles);
+        let folded = |edge: usize| {
+            let [a, b] = *table.half_edges(edge) else { return false };
+            let [a, b] = [a, b].map(|half| half as usize / 3);
+            let cosine = |at: &[[f64; 3]]| dot(normal(a, at), normal(b, at));
+            cosine(&self.positions) > 0.0 && cosine(now) < FOLDED_COSINE
+        };
+        let length = |at: &[[f64; 3]], [a, b]: [u32; 2]| distance(at[a as usize], at[b as usize]);
+        let mut stretches: Vec<f64> = (table.ends.iter())
+            .map(|ends| length(now, *ends) / length(&self.positions, *ends))
+            .filter(|stretch| stretch.is_finite())
+            .collect();
+        stretches.sort_unstable_by(f64::total_cmp);
+        let median = stretches.get(stretches.len() / 2).copied().unwrap_or(1.0);
+        Distortion {
+            folds: (0..table.len()).filter(|edge| folded(*edge)).count(),
+            stretched: stretches.len() - stretches.partition_point(|stretch| *stretch <= STRETCHED * median),
+        }
+    }
+
     /// What kind of mesh this is: open, closed, manifold, oriented, of how many parts. Cost O(n log n).
     #[must_use]
     pub fn check(&self) -> MeshCheck {
@@ -324,5 +387,34 @@ mod tests {
         let welded = soup.welded();
         assert_eq!(welded.positions.len(), ball.positions.len());
         assert!(welded.check().watertight);
+    }
+
+    /// Faces twice, also of vertices of their own and the other way round, count once; a vertex far away that no triangle has does not make the surface larger; a tip that is pulled out is stretched, a sheet that is turned back on itself folded.
+    #[test]
+    fn what_a_surface_is_once() {
+        let ball = crate::primitives::icosphere(1.0, 2);
+        let mut double = ball.clone();
+        let count = ball.positions.len() as u32;
+        double.positions.extend_from_slice(&ball.positions);
+        double
+            .triangles
+            .extend(ball.triangles.iter().map(|[a, b, c]| [a + count, c + count, b + count]));
+        double.triangles.extend_from_slice(&ball.triangles);
+        double.positions.push([500.0; 3]);
+        assert_eq!(double.triangles_once(), ball.triangles);
+        assert_eq!(double.surface_bounds(), ball.bounding_box());
+        let none = Distortion { folds: 0, stretched: 0 };
+        assert_eq!(ball.distortion(&ball.positions), none);
+        let larger: Vec<[f64; 3]> = ball.positions.iter().map(|p| scale(9.0, *p)).collect();
+        assert_eq!(ball.distortion(&larger), none);
+        let mut spiked = ball.positions.clone();
+        spiked[0] = scale(3.0, spiked[0]);
+        assert_eq!(ball.distortion(&spiked).stretched, 5);
+        let sheet = crate::primitives::grid_sheet(1.0, 1.0, 5, 5);
+        let mut folded = sheet.positions.clone();
+        for p in folded.iter_mut().filter(|p| p[0] > 0.1) {
+            *p = [-p[0], p[1], 0.05];
+        }
+        assert!(sheet.distortion(&folded).folds >= 4);
     }
 }

@@ -16,6 +16,8 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 const BENDING: f64 = 2.0;
 /// The finest cell in which loose parts are joined, as a share of the mesh's size.
 const FINEST_CELL: f64 = 1.0 / 2048.0;
+/// Distances that differ by no more than this share are alike: which vertex is chosen does not hang on rounding.
+const ALIKE: f64 = 1e-9;
 /// A cotangent is no larger than this: triangles of controls may be thin.
 const MOST_COTANGENT: f64 = 10.0;
 
@@ -102,7 +104,7 @@ impl Roads {
             }
             for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
                 let by_here = reached + length;
-                if by_here < far[to as usize] {
+                if by_here < (1.0 - ALIKE) * far[to as usize] {
                     far[to as usize] = by_here;
                     regions[to as usize] = region;
                     heap.push(Reverse((by_here.to_bits(), to)));
@@ -163,6 +165,14 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
 /// # Errors
 /// `Input` for no controls at all, or a mesh without triangles.
 pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls> {
+    controls_from(mesh, count, 0)
+}
+
+/// [`automatic_controls`] of which the first is a vertex that triangles have, the one after so many: other ones that are spread as well.
+///
+/// # Errors
+/// As [`automatic_controls`].
+pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
     if count == 0 || mesh.triangles.is_empty() {
         return Err(Error::input(
             "controls need a mesh with faces, and at least one was to be asked for",
@@ -173,6 +183,8 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
     for &v in mesh.triangles.iter().flatten() {
         used[v as usize] = true;
     }
+    let in_use: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
+    let first = in_use[skipped % in_use.len()];
     let mut far: Vec<f64> = used
         .iter()
         .map(|used| if *used { f64::INFINITY } else { -1.0 })
@@ -180,7 +192,11 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
     let mut regions = vec![u32::MAX; mesh.positions.len()];
     let mut vertices = Vec::new();
     while vertices.len() < count {
-        let farthest = (0..far.len()).fold(0, |best, v| if far[v] > far[best] { v } else { best });
+        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + ALIKE);
+        let farthest = match vertices.is_empty() {
+            true => first,
+            false => (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best }),
+        };
         if far[farthest] <= 0.0 {
             break;
         }

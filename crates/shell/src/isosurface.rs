@@ -77,7 +77,9 @@ pub struct IsoSurface {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface> {
-    let bounds = BoundingBox::of(&shell.mesh().positions)
+    let bounds = shell
+        .mesh()
+        .surface_bounds()
         .ok_or_else(|| Error::undetermined("a mesh without vertices has no surface"))?;
     let cell = options.cell.unwrap_or(bounds.diagonal() / USUAL_CELLS);
     if !(cell.is_finite() && cell > 0.0) {

@@ -17,7 +17,7 @@ mod renewed;
 mod skeleton;
 
 pub use camera::Camera;
-pub use controls::{Controls, automatic_controls, nearest_pairs, stiffness};
+pub use controls::{Controls, automatic_controls, controls_from, nearest_pairs, stiffness};
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, VertexDisplacements,
     displaced, displacements, parameter_row,

@@ -88,7 +88,9 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
         }
     };
     let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
-    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let bounds = mesh
+        .surface_bounds()
+        .ok_or_else(|| Error::input("a mesh without vertices"))?;
     let around = BoundingBox {
         min: bounds.min.map(|x| x - around),
         max: bounds.max.map(|x| x + around),

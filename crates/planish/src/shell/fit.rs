@@ -5,6 +5,7 @@
 //! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or that does not overlap its masks.
 
 pub(super) mod input;
+mod inspection;
 mod report;
 mod rough_start;
 
@@ -20,7 +21,7 @@ use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;
 use planish_exchange::mesh::is_mesh_file;
 use planish_exchange::textured::{TexturedMesh, read_textured};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
 use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched};
 use serde::Serialize;
@@ -278,7 +279,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         prior,
         controls,
     } = input::moved(job, &mut mesh, &looks)?;
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
+    let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let options = ShellFitOptions {
         metaball: job.metaball,
         believe_sigma: job.believe_sigma,
@@ -316,6 +317,10 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         };
         let frame = Frame::read(job, files, size, &mut units, &mut warnings)?;
         inputs.extend(frame.files.iter().cloned());
+        if k == 0 {
+            inspection::points_and_mesh(&frame, &mesh, units.unit()).map_err(in_frame)?;
+            warnings.extend(inspection::masks(&frame, &mesh, !job.rough_start));
+        }
         let mut watch = |at: ShellProgress| {
             if let Some(rms) = at.rms_points {
                 progress.rms(rms);
@@ -385,15 +390,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         .collect();
     let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
     let [points, outlines, tracks] = of;
-    for (what, report) in [("points", &points), ("outlines", &outlines)] {
-        if let Some(report) = report.filter(|r| 3 * r.outliers > r.count) {
-            warnings.push(format!(
-                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or have started too far away",
-                report.outliers, report.count
-            ));
-        }
-    }
-    let done = ShellFitReport {
+    let mut done = ShellFitReport {
         rms_points: points.map(|r| r.rms),
         rms_silhouettes_px: outlines.map(|r| r.rms),
         iou,
@@ -425,6 +422,13 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         written,
         warnings,
     };
+    done.warnings.extend(inspection::outcome(
+        &done,
+        &mesh,
+        &made.positions,
+        frame.states_sigma,
+        job.believe_sigma,
+    ));
     if let Some(page) = &job.report {
         let shown = ShownShell {
             found: &TriangleMesh {

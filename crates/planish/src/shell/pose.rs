@@ -42,7 +42,7 @@ use planish_exchange::glb::Keyframe;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
 use planish_exchange::textured::{TexturedMesh, read_textured, read_vertex_list};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -160,7 +160,7 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
     file.unit = file.unit.or(job.unit);
     let mesh = TriangleMesh::try_new(file.points.clone(), file.triangles.clone())
         .map_err(|e| e.in_context(job.mesh.display()))?;
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let controls = match &poses.controls {
         ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
         ControlsEntry::Usual => automatic_controls(&mesh, USUAL_CONTROLS)?.points,

@@ -9,7 +9,7 @@ use crate::progress::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
 use planish_exchange::{Unit, check_writable};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 pub use planish_shell::{IsoLevel, Metaball};
 use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivided};
 use serde::Serialize;
@@ -119,7 +119,7 @@ pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<S
     let file = read_mesh(&job.mesh)?;
     let unit = file.unit.or(job.unit);
     let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
     let mut warnings = Vec::new();
     let wrapped = match job.metaball {

@@ -25,7 +25,7 @@ use planish_exchange::picture::read_picture;
 use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_exchange::views::{ViewFile, read_views};
 use planish_exchange::{Unit, extension};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -269,7 +269,7 @@ fn read(job: &ShellTextureJob, progress: &dyn Progress, warnings: &mut Vec<Strin
         )));
     }
     progress.check("looking", 0.1)?;
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
+    let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let views = (pictured.par_iter())
         .map(|view| colour_view(view, &mesh, size))
         .collect::<Result<_>>()?;

@@ -13,7 +13,7 @@ use planish_exchange::mesh::{Column, MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::write_grey_png;
 use planish_exchange::{Unit, make_folder, write_atomically};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, sample_points};
-use planish_shell::{Camera, Dirichlet, automatic_controls, displaced};
+use planish_shell::{Camera, Dirichlet, controls_from, displaced};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -93,7 +93,9 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let bounds = BoundingBox::of(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
     let size = bounds.diagonal();
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-    let controls = automatic_controls(&rest, options.controls)?.points;
+    // Not those that a fit chooses: a real thing does not bend by them.
+    let skipped = random.random_range(1..rest.positions.len().max(2));
+    let controls = controls_from(&rest, options.controls, skipped)?.points;
     let moved: Vec<[f64; 3]> = (controls.iter())
         .map(|_| normal(&mut random, options.deformation * size))
         .collect();

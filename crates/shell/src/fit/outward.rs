@@ -7,7 +7,7 @@
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add_scaled, dot, tangents};
-use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_mesh::{MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -49,7 +49,7 @@ fn parts(mesh: &TriangleMesh) -> Vec<u32> {
 /// # Errors
 /// As [`MeshSearch::try_new`].
 pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
-    let Some(bounds) = BoundingBox::of(&mesh.positions) else {
+    let Some(bounds) = mesh.surface_bounds() else {
         return Ok(mesh.triangles.clone());
     };
     let part = parts(mesh);

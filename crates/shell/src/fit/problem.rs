@@ -19,7 +19,7 @@ use crate::field::{Share, Shell, ShellOptions};
 use nalgebra::DVector;
 use planish_estimate::vector3::scale;
 use planish_estimate::{Error, Loss, Result};
-use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
+use planish_mesh::{MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 
 /// Points and lines of sight that one piece of work holds: fixed, so that nothing depends on the threads.
@@ -137,7 +137,9 @@ impl Problem<'_> {
         let shell = Shell::new(subdivided.as_ref().unwrap_or(&own), &self.shell)?;
         let lines = self.readings.views.iter().any(|view| !view.outline.is_empty());
         let search = if lines { Some(MeshSearch::try_new(&own)?) } else { None };
-        let bounds = BoundingBox::of(&own.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let bounds = own
+            .surface_bounds()
+            .ok_or_else(|| Error::input("a mesh without vertices"))?;
         let sight = search
             .as_ref()
             .map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));

@@ -20,7 +20,7 @@ use super::{ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadi
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 
 /// `ε` as a share of the mean of `K`'s diagonal: how much less a motion of everything costs than one of a control alone.
 const WHOLE: f64 = 0.02;
@@ -95,7 +95,7 @@ impl<'a> ShellTracker<'a> {
             options,
             stiffness,
             smooth,
-            size: BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal()),
+            size: mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()),
             state: None,
         })
     }

@@ -12,11 +12,11 @@ use super::problem::{Problem, State, Weighing};
 use super::readings::ShellReadings;
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
-use crate::deformation::Deformation;
+use crate::deformation::{Deformation, displaced};
 use crate::field::{Metaball, ShellOptions, subdivided};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result, Termination, gated_scale};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 
 /// Metaballs that give less than `exp(−9)` of the largest are left out: on a surface all of them together give 0.1 %.
 const REACH: f64 = 9.0;
@@ -24,6 +24,11 @@ const REACH: f64 = 9.0;
 const GATE: f64 = 3.0;
 /// Damping is raised so often before an iteration is given up.
 const TRIES: usize = 8;
+/// Where a fit folds its mesh, smoothness weighs so many times more, again and again, up to this.
+const HEAVIER: f64 = 4.0;
+const HEAVIEST: f64 = 256.0;
+/// A fit without folds may have residuals so many times larger.
+const WORSE: f64 = 1.1;
 /// How much stiffer a mesh is in the first iteration, and how much of that is left after each.
 const STIFFER: f64 = 100.0;
 const STIFF_LASTS: f64 = 0.75;
@@ -64,7 +69,12 @@ pub(super) fn solve(
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
     let parameters = deformation.parameters();
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let once = TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles: mesh.triangles_once(),
+    };
+    let mesh = &once;
+    let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
     let turned = match with_outlines {
         true => Some(TriangleMesh {
@@ -75,7 +85,7 @@ pub(super) fn solve(
     };
     let mesh = turned.as_ref().unwrap_or(mesh);
     let oriented = is_oriented(mesh, with_outlines)?;
-    let middle = BoundingBox::of(&mesh.positions).map_or([0.0; 3], |b| b.center());
+    let middle = mesh.surface_bounds().map_or([0.0; 3], |b| b.center());
     for (v, view) in readings.views.iter().enumerate() {
         if view.camera.project(middle).is_none() {
             return Err(Error::input(format!(
@@ -116,11 +126,17 @@ pub(super) fn solve(
     // Parameters that are no displacements have other units.
     let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
-    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let bounds = mesh
+        .surface_bounds()
+        .ok_or_else(|| Error::input("a mesh without vertices"))?;
     let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
     let few = chosen_points(readings.points, enough, &bounds);
     let all = chosen_points(readings.points, usize::MAX, &bounds);
-    for step in 0..options.steps {
+    // A thing does not fold where its mesh did not: smoothness counts for more until none is left, if that costs little.
+    let mut heavier = 1.0;
+    let mut folded: Option<Folded> = None;
+    let mut step = 0;
+    while step < options.steps {
         let coarse = step + 1 < options.steps;
         let share = if options.steps > 1 {
             step as f64 / (options.steps - 1) as f64
@@ -189,6 +205,7 @@ pub(super) fn solve(
             );
             let alone = known.without_poses(&state, &pass)?;
             weight = (known.smooth).weight(&alone.information, &alone.vector, &(&state.q - &known.start))?;
+            weight *= heavier;
             if step == 0 && options.start_sigma.is_none() {
                 // From far away a mesh comes stiff first: what pulls at it is not yet where it belongs.
                 weight *= 1.0 + STIFFER * STIFF_LASTS.powi(iterations as i32);
@@ -230,7 +247,31 @@ pub(super) fn solve(
                 equations = problem.equations(&state, again(factors))?;
             }
         }
+        if step + 1 == options.steps && weight > 0.0 && options.prior.is_none() {
+            let folds = mesh
+                .distortion(&displaced(&mesh.positions, deformation, &state.q))
+                .folds;
+            let rms = rms_of_points(&equations).unwrap_or(0.0);
+            let worse = folded.as_ref().is_some_and(|before| rms > WORSE * before.rms);
+            if folds > 0 && !worse && heavier < HEAVIEST {
+                folded.get_or_insert(Folded {
+                    state: state.clone(),
+                    equations,
+                    weight,
+                    factors,
+                    rms,
+                });
+                heavier *= HEAVIER;
+                continue;
+            }
+            if let Some(before) = folded.take().filter(|_| folds > 0 || worse) {
+                (state, factors) = (before.state, before.factors);
+                last = Some((before.equations, before.weight));
+                break;
+            }
+        }
         last = Some((equations, weight));
+        step += 1;
     }
     let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
     finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
@@ -238,6 +279,15 @@ pub(super) fn solve(
         iterations,
         ..made
     })
+}
+
+/// A fit that folds, kept in case no smoother one is as near to the points.
+struct Folded {
+    state: State,
+    equations: Vec<Equations>,
+    weight: f64,
+    factors: [f64; SCALES],
+    rms: f64,
 }
 
 /// Root mean square distance of the points that have an equation.

@@ -9,7 +9,7 @@ use planish_exchange::picture::read_brightness;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::{ViewFile, Views, read_views};
 use planish_exchange::{Unit, paths_in, read_inputs};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
     Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior,
@@ -45,6 +45,8 @@ pub(super) struct FrameFiles {
 /// The readings of one frame.
 pub(super) struct Frame {
     pub points: Vec<PointReading>,
+    /// Whether all points state σ.
+    pub states_sigma: bool,
     pub views: Vec<ViewFile>,
     pub masks: Vec<Option<Silhouette>>,
     pub fitted: Vec<ShellView>,
@@ -70,7 +72,7 @@ impl Frame {
         units: &mut Units,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        let points = read_points(job, &files.points, size, units, warnings)?;
+        let (points, states_sigma) = read_points(job, &files.points, size, units, warnings)?;
         let mut read = Vec::new();
         let views = match &files.silhouettes {
             Some(path) => {
@@ -90,6 +92,7 @@ impl Frame {
         let masks = read_masks(&views, job)?;
         Ok(Self {
             points,
+            states_sigma,
             fitted: (views.views.iter().zip(&masks))
                 .map(|(view, mask)| shell_view(view, mask.as_ref()))
                 .collect(),
@@ -200,7 +203,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &Textured
             "parts cannot be rigid where modes move the mesh: use controls or a lattice",
         ));
     };
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal());
+    let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let blend = job.blend.unwrap_or(USUAL_BLEND * size);
     let made = RigidParts::new(mesh, inner.deformation, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
     Ok(Moved {
@@ -270,7 +273,8 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             } else {
                 LatticeBasis::Bernstein
             };
-            let made = Lattice::new(&mesh.positions, [along; 3], basis)?;
+            // It stands around the surface: a vertex that no triangle has may be anywhere.
+            let made = Lattice::new(&within_surface(mesh), [along; 3], basis)?;
             let points = made.controls().unwrap_or_default().to_vec();
             let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
             free(Box::new(made), k, points.len())
@@ -317,15 +321,24 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
     })
 }
 
+/// The vertices, those that no triangle has at the first that one has.
+fn within_surface(mesh: &TriangleMesh) -> Vec<[f64; 3]> {
+    let mut places = vec![mesh.positions[mesh.triangles[0][0] as usize]; mesh.positions.len()];
+    for v in mesh.triangles.iter().flatten() {
+        places[*v as usize] = mesh.positions[*v as usize];
+    }
+    places
+}
+
 fn read_points(
     job: &ShellFitJob,
     files: &[PathBuf],
     size: f64,
     units: &mut Units,
     warnings: &mut Vec<String>,
-) -> Result<Vec<PointReading>> {
+) -> Result<(Vec<PointReading>, bool)> {
     if files.is_empty() {
-        return Ok(Vec::new());
+        return Ok((Vec::new(), false));
     }
     let set = read_inputs(files, job.unit)?;
     units.add(set.unit.filter(|_| job.unit.is_none()), &files[0])?;
@@ -364,7 +377,7 @@ fn read_points(
             UNKNOWN_SIGMA * size
         ));
     }
-    Ok(points)
+    Ok((points, unknown == 0))
 }
 
 /// `R Σ Rᵀ`.

@@ -17,7 +17,7 @@ use crate::shell::overlap::covered;
 use planish_estimate::Result;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::ViewFile;
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::TriangleMesh;
 use planish_sense::occluding::{ContourView, SilhouetteBound, outlines};
 use planish_sense::{Image, SilhouetteOptions};
 use planish_shell::{Bound, Renewal, ShellFitOptions, local_means, renewed};
@@ -169,7 +169,7 @@ pub(super) fn flown(
 }
 
 fn size(mesh: &TriangleMesh) -> f64 {
-    BoundingBox::of(&mesh.positions).map_or(0.0, |bounds| bounds.diagonal())
+    mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal())
 }
 
 /// The views that are fitted, as silhouettes and as files.
