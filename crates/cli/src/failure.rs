@@ -55,7 +55,10 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
                 "check the order of the pictures, the mask and the calibration; the picture may show too little"
                     .to_owned()
             }
-            _ => "check that both files are of the same thing, in one frame and unit".to_owned(),
+            "merge" | "compare" | "next" | "shell fit" | "shell texture" => {
+                "check that the files are of the same thing, in one frame and unit".to_owned()
+            }
+            _ => "`planish info FILE` and `planish view FILE` show what there is".to_owned(),
         }),
         ErrorKind::Unsupported => Some(format!("`planish {command} --help` says what this version can do")),
         ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),

@@ -1,13 +1,13 @@
 //! `planish shell fit`: its arguments, and what it says.
 
 use crate::args::{CommonArgs, ReportArgs, positive};
-use crate::numbers::{count, significant};
+use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use crate::shell_args::MetaballName;
 use clap::{Args, ValueEnum, ValueHint};
-use planish::Result;
 use planish::progress::Progress;
 use planish::shell::fit::{DeformationKind, ReadingsReport, ShellFitJob, ShellFitReport, shell_fit_files};
+use planish::{Error, Result};
 use std::path::PathBuf;
 
 /// Controls beyond this make equations too large.
@@ -46,10 +46,10 @@ pub struct ShellFitArgs {
     /// Mesh to write; may be repeated: .ply, .glb, .obj, .stl
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// What moves the mesh: natural neighbours of controls, a lattice around it, every vertex, or the modes of a family
+    /// What moves the mesh: natural neighbours of controls, a lattice around it, every vertex (of 600 at most), or the modes of a family
     #[arg(long, value_enum, default_value_t = DeformationName::Dirichlet)]
     pub deformation: DeformationName,
-    /// How many controls, chosen on the mesh, denser where it bends; of a lattice its points in all, of modes the most
+    /// How many controls, chosen on the mesh, denser where it bends; of a lattice its points in all, as the nearest cube of a whole number (8 at least), of modes the most
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MOST_CONTROLS))]
     pub controls: u64,
     /// Control points instead, on the mesh or off it, as a file of points
@@ -114,6 +114,9 @@ pub fn run(args: &ShellFitArgs) -> u8 {
 }
 
 fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitReport>> {
+    if !args.family.is_empty() && args.deformation != DeformationName::Modes {
+        return Err(Error::input("--family is for --deformation modes"));
+    }
     let job = ShellFitJob {
         mesh: args.mesh.clone(),
         points: args.points.clone(),
@@ -148,9 +151,9 @@ fn fit_text(report: &ShellFitReport) -> String {
     let mut lines = Lines::default();
     let unit = report.unit;
     lines.line(format!(
-        "Fitted a shell by {} controls in {} iterations.",
-        count(report.controls),
-        report.iterations
+        "Fitted a shell by {} in {}.",
+        counted(report.controls, "control"),
+        counted(report.iterations, "iteration")
     ));
     lines.gap();
     let of = |name: &str, r: &Option<ReadingsReport>, unit: &str| {
@@ -223,14 +226,15 @@ fn fit_text(report: &ShellFitReport) -> String {
                 ]
             })
             .collect();
+        let (rms_points, sigma) = (format!("rms points / {unit}"), format!("σ / {unit}"));
         lines.table(
             &[
                 ("frame", Align::Left),
-                ("rms points", Align::Right),
+                (&rms_points, Align::Right),
                 ("rms outlines px", Align::Right),
                 ("IoU", Align::Right),
                 ("surprise/σ", Align::Right),
-                ("σ", Align::Right),
+                (&sigma, Align::Right),
             ],
             &rows,
         );
@@ -249,12 +253,13 @@ fn fit_text(report: &ShellFitReport) -> String {
                 ]
             })
             .collect();
+        let moved = format!("moved / {unit}");
         lines.table(
             &[
                 ("camera", Align::Left),
                 ("turned", Align::Right),
                 ("σ", Align::Right),
-                ("moved", Align::Right),
+                (&moved, Align::Right),
                 ("σ", Align::Right),
             ],
             &rows,

@@ -1,7 +1,7 @@
 //! `planish shell pose`.
 
 use crate::args::CommonArgs;
-use crate::numbers::{count, significant};
+use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueHint};
 use planish::Result;
@@ -16,7 +16,7 @@ Examples:
 
 poses.toml:
 
-  controls = 60                     # chosen on the mesh; or places: [[x, y, z], ...]
+  controls = 60                     # chosen on the mesh; or their places: controls = [[x, y, z], ...]
   blend = 2.0                       # over which length rigid parts fade into the rest
   [[rigid]]
   part = \"head\"                     # a group, object or material of the OBJ, or a file of vertex indices
@@ -82,19 +82,23 @@ fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPo
 fn text(report: &ShellPoseReport) -> String {
     let mut lines = Lines::default();
     lines.line(format!(
-        "Posed {} vertices by {} controls.",
-        count(report.vertices),
-        count(report.controls)
+        "Posed {} by {}.",
+        counted(report.vertices, "vertex"),
+        counted(report.controls, "control")
     ));
     lines.gap();
     let rows: Vec<Vec<String>> = (report.poses.iter())
         .map(|pose| vec![pose.name.clone(), count(pose.moved), significant(pose.farthest, 3)])
         .collect();
+    let farthest = report.unit.map_or_else(
+        || "farthest vertex".to_owned(),
+        |unit| format!("farthest vertex / {unit}"),
+    );
     lines.table(
         &[
             ("pose", Align::Left),
             ("controls moved", Align::Right),
-            ("farthest vertex", Align::Right),
+            (&farthest, Align::Right),
         ],
         &rows,
     );

@@ -199,7 +199,7 @@ mod tests {
             );
         }
         assert_eq!(found.border.iter().filter(|b| **b == 1).count(), 120);
-        let mut saddle = grid_sheet(1.0, 1.0, 41, 41);
+        let mut saddle = grid_sheet(1.0, 1.0, 40, 40);
         saddle.positions.iter_mut().for_each(|p| p[2] = p[0] * p[1]);
         let middle = saddle
             .positions

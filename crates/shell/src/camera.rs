@@ -20,6 +20,12 @@ pub struct Camera {
     pub t: Vector3<f64>,
 }
 
+/// A matrix as a file has it, row by row.
+fn rows(matrix: &Matrix3<f64>) -> String {
+    let row = |i: usize| format!("[{}, {}, {}]", matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]);
+    format!("[{}, {}, {}]", row(0), row(1), row(2))
+}
+
 impl Camera {
     /// A camera from intrinsics, rotation and translation, row by row.
     ///
@@ -28,16 +34,28 @@ impl Camera {
     pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
         let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
         let (k, r, t) = (matrix(k), matrix(r), Vector3::from(t));
-        let finite = k.iter().chain(&r).chain(&t).all(|x| x.is_finite());
+        for (name, finite) in [
+            ("R", r.iter().all(|x| x.is_finite())),
+            ("t", t.iter().all(|x| x.is_finite())),
+        ] {
+            if !finite {
+                return Err(Error::input(format!("{name} holds a number that is not finite")));
+            }
+        }
+        let finite = k.iter().all(|x| x.is_finite());
         let triangle = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0 && k[(2, 2)] == 1.0;
         if !(finite && triangle && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0) {
             return Err(Error::input(format!(
-                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and finite R and t, found K = {k:?}"
+                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K = {}",
+                rows(&k)
             )));
         }
         let off = (r * r.transpose() - Matrix3::identity()).amax();
         if off > 1e-3 || r.determinant() < 0.0 {
-            return Err(Error::input(format!("needed a rotation in R, found {r:?}")));
+            return Err(Error::input(format!(
+                "needed a rotation in R, with rows of length one at right angles and determinant 1, found {}",
+                rows(&r)
+            )));
         }
         Ok(Self {
             k,

@@ -239,7 +239,7 @@ impl ShellFit {
 
 fn undetermined() -> Error {
     Error::undetermined(
-        "neither the readings nor smoothness say where some controls are: give readings all over the thing, fewer controls, or a stiffness that joins them",
+        "neither the readings nor smoothness say where some controls are: give readings all over the thing, or fewer controls",
     )
 }
 

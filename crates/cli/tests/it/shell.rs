@@ -274,3 +274,93 @@ fn a_mesh_is_coloured_from_pictures() {
         said.stderr
     );
 }
+
+/// A text of a file with its vertices scaled and moved.
+fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
+    let text = std::fs::read_to_string(folder.join(from)).expect("a file");
+    let place = |line: &str| match line.strip_prefix("v ") {
+        Some(rest) => {
+            let of: Vec<f64> = rest.split(' ').map(|x| x.parse().expect("a number")).collect();
+            format!("v {} {} {}", of[0] * by + shift, of[1] * by, of[2] * by)
+        }
+        None => line.to_owned(),
+    };
+    let lines: Vec<String> = text.lines().map(place).collect();
+    std::fs::write(folder.join(to), lines.join("\n")).expect("written");
+}
+
+/// Meshes in another unit or far away are refused; what is odd of a view is named; and what no one meant changes little: a vertex far away that no face has, faces that are there twice.
+#[test]
+fn what_cannot_be_meant_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    planish(
+        at,
+        &[
+            "simulate", "scene", "shell", "--out", "bent", "--points", "3000", "--views", "3",
+        ],
+    )
+    .ok();
+    placed(at, "bent/mesh.obj", "bent/metres.obj", 1e-3, 0.0);
+    placed(at, "bent/mesh.obj", "bent/far.obj", 1.0, 300.0);
+    let fit = |mesh: &str, more: &[&str]| {
+        let args = [&["shell", "fit", mesh, "--points", "bent/points.ply", "--json"], more].concat();
+        planish(at, &args)
+    };
+    for (mesh, words) in [
+        ("bent/metres.obj", "needed one unit"),
+        ("bent/far.obj", "bring both into one frame"),
+    ] {
+        let said = fit(mesh, &[]);
+        assert!(said.code == 1 && said.stderr.contains(words), "{mesh}: {}", said.stderr);
+    }
+    let plain = fit("bent/mesh.obj", &[]).ok();
+    assert!(!plain.stderr.contains("fold"), "{}", plain.stderr);
+    let rms = |said: &serde_json::Value| said["rms_points"].as_f64().expect("a number");
+    let wanted = rms(&plain.json());
+    let text = std::fs::read_to_string(at.join("bent/mesh.obj")).expect("a file");
+    let faces: Vec<&str> = text.lines().filter(|line| line.starts_with("f ")).collect();
+    std::fs::write(at.join("stray.obj"), format!("{text}\nv 500 500 500\n")).expect("written");
+    std::fs::write(at.join("double.obj"), format!("{text}\n{}\n", faces.join("\n"))).expect("written");
+    let stray = rms(&fit("stray.obj", &[]).ok().json());
+    assert!((stray / wanted - 1.0).abs() < 0.1, "{stray}, {wanted}");
+    let double = rms(&fit("double.obj", &[]).ok().json());
+    assert!((double / wanted - 1.0).abs() < 1e-6, "{double}, {wanted}");
+    // A camera of a picture that is four times as large, and masks of one another.
+    let views = std::fs::read_to_string(at.join("bent/views.toml")).expect("a file");
+    let larger = views.replacen(
+        "K = [[768.0, 0.0, 319.5], [0.0, 768.0, 239.5]",
+        "K = [[3072.0, 0.0, 1278.0], [0.0, 3072.0, 958.0]",
+        1,
+    );
+    assert_ne!(larger, views);
+    std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
+    let said = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
+    assert!(
+        said.stderr.contains("view mask01: the camera's axis"),
+        "{}",
+        said.stderr
+    );
+    assert!(
+        said.stderr.contains("view mask01: the mesh shows next to nowhere"),
+        "{}",
+        said.stderr
+    );
+    let odd = planish(
+        at,
+        &[
+            "shell",
+            "fit",
+            "bent/mesh.obj",
+            "--points",
+            "bent/points.ply",
+            "--family",
+            "stray.obj",
+        ],
+    );
+    assert!(
+        odd.code == 2 && odd.stderr.contains("--deformation modes"),
+        "{}",
+        odd.stderr
+    );
+}

@@ -280,6 +280,12 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         controls,
     } = input::moved(job, &mut mesh, &looks)?;
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
+    if size <= 0.0 {
+        return Err(Error::undetermined(format!(
+            "{}: all vertices of faces are at one place: a mesh needs a size",
+            job.mesh.display()
+        )));
+    }
     let options = ShellFitOptions {
         metaball: job.metaball,
         believe_sigma: job.believe_sigma,

@@ -43,6 +43,7 @@ use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
 use planish_exchange::textured::{TexturedMesh, read_textured, read_vertex_list};
 use planish_mesh::TriangleMesh;
+use planish_report::numbers::significant;
 use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -174,7 +175,7 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
     let (mut targets, mut reports) = (Vec::new(), Vec::new());
     for pose in &poses.poses {
         progress.check("posing", 0.3)?;
-        let (q, moved) = moves(&pose.moves, &controls)
+        let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
         let points = deformation.positions(&deformation.carried(&q));
         reports.push(PoseReport {
@@ -236,8 +237,11 @@ fn rigid_parts(
     Ok((parts, reports))
 }
 
-/// Displacements of controls, and how many are moved; those of several moves add up.
-fn moves(entries: &[MoveEntry], controls: &[[f64; 3]]) -> Result<(DVector<f64>, usize)> {
+/// Displacements of controls, and how many are moved; those of several moves add up. Places are within the mesh's `size` of some control.
+fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVector<f64>, usize)> {
+    if entries.is_empty() {
+        return Err(Error::input("it moves nothing: needed `move`"));
+    }
     let mut by = vec![[0.0; 3]; controls.len()];
     for entry in entries {
         let near = |at: [f64; 3]| {
@@ -256,10 +260,21 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]]) -> Result<(DVector<f64>, 
                 .filter(|k| distance(controls[*k], at) <= reach)
                 .collect(),
         };
-        if chosen.is_empty() {
+        let (at, reach, within) = match entry.target {
+            Target::Within(at, reach) => (at, reach, true),
+            Target::Nearest(at) => (at, size, false),
+            Target::Control(_) => ([0.0; 3], f64::INFINITY, false),
+        };
+        let away = near(at).map_or(f64::INFINITY, |k| distance(controls[k], at));
+        if chosen.is_empty() || away > reach {
+            let [x, y, z] = at;
             return Err(Error::input(format!(
-                "no control is within reach of {:?}",
-                entry.target
+                "no control is within {reach} of {x}, {y}, {z}: the nearest is {} away; {}",
+                significant(away, 3),
+                match within {
+                    true => "give a larger `within`, a place nearer to the mesh, or more controls",
+                    false => "that is farther than the mesh is large; give a place near to it",
+                }
             )));
         }
         for k in chosen {

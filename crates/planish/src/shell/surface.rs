@@ -120,6 +120,16 @@ pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<S
     let unit = file.unit.or(job.unit);
     let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
+    if size <= 0.0 {
+        return Err(Error::undetermined(format!(
+            "{}: {}: a shell needs a mesh with faces and a size",
+            job.mesh.display(),
+            match mesh.triangles.is_empty() {
+                true => "it has no faces",
+                false => "all vertices of its faces are at one place",
+            }
+        )));
+    }
     let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
     let mut warnings = Vec::new();
     let wrapped = match job.metaball {

@@ -132,9 +132,9 @@ pub(super) fn solve(
     let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
     let few = chosen_points(readings.points, enough, &bounds);
     let all = chosen_points(readings.points, usize::MAX, &bounds);
-    // A thing does not fold where its mesh did not: smoothness counts for more until none is left, if that costs little.
+    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left, if that costs little. What the data show to the last σ may fold.
     let mut heavier = 1.0;
-    let mut folded: Option<Folded> = None;
+    let mut folded: Option<(ShellFit, f64)> = None;
     let mut step = 0;
     while step < options.steps {
         let coarse = step + 1 < options.steps;
@@ -247,31 +247,37 @@ pub(super) fn solve(
                 equations = problem.equations(&state, again(factors))?;
             }
         }
-        if step + 1 == options.steps && weight > 0.0 && options.prior.is_none() {
+        if step + 1 == options.steps && weight > 0.0 && options.prior.is_none() && heavier < HEAVIEST {
             let folds = mesh
                 .distortion(&displaced(&mesh.positions, deformation, &state.q))
-                .folds;
+                .folds
+                > 0;
             let rms = rms_of_points(&equations).unwrap_or(0.0);
-            let worse = folded.as_ref().is_some_and(|before| rms > WORSE * before.rms);
-            if folds > 0 && !worse && heavier < HEAVIEST {
-                folded.get_or_insert(Folded {
-                    state: state.clone(),
-                    equations,
-                    weight,
-                    factors,
-                    rms,
-                });
-                heavier *= HEAVIER;
-                continue;
-            }
-            if let Some(before) = folded.take().filter(|_| folds > 0 || worse) {
-                (state, factors) = (before.state, before.factors);
-                last = Some((before.equations, before.weight));
-                break;
+            let good = folded.as_ref().is_none_or(|before| rms < WORSE * before.1);
+            if folds && good {
+                if folded.is_none() {
+                    let made = finished(mesh, deformation, &known, state.clone(), &equations, &factors, weight)?;
+                    if made.lack_of_fit > 0.0 {
+                        folded = Some((made, rms));
+                    }
+                }
+                if folded.is_some() {
+                    heavier *= HEAVIER;
+                    continue;
+                }
+            } else if good {
+                folded = None;
             }
         }
         last = Some((equations, weight));
         step += 1;
+    }
+    if let Some((made, _)) = folded {
+        return Ok(ShellFit {
+            termination,
+            iterations,
+            ..made
+        });
     }
     let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
     finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
@@ -279,15 +285,6 @@ pub(super) fn solve(
         iterations,
         ..made
     })
-}
-
-/// A fit that folds, kept in case no smoother one is as near to the points.
-struct Folded {
-    state: State,
-    equations: Vec<Equations>,
-    weight: f64,
-    factors: [f64; SCALES],
-    rms: f64,
 }
 
 /// Root mean square distance of the points that have an equation.

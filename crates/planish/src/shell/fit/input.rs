@@ -232,13 +232,22 @@ fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
 /// The deformation of all that is not rigid: no control is spent on what is.
 fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]) -> Result<Moved> {
     let given = match &job.controls_file {
-        Some(path) => Some(
-            read_inputs(&[path], job.unit)?
-                .scans
-                .iter()
-                .flat_map(|s| s.scan.points.clone())
-                .collect::<Vec<_>>(),
-        ),
+        Some(path) => {
+            let read = read_inputs(&[path], job.unit)?;
+            let not_finite: usize = read.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
+            if not_finite > 0 {
+                return Err(Error::input(format!(
+                    "{}: {not_finite} controls have coordinates that are not finite numbers",
+                    path.display()
+                )));
+            }
+            Some(
+                read.scans
+                    .iter()
+                    .flat_map(|s| s.scan.points.clone())
+                    .collect::<Vec<_>>(),
+            )
+        }
         None => None,
     };
     if given.is_some() && job.deformation != DeformationKind::Dirichlet {
@@ -344,6 +353,12 @@ fn read_points(
     units.add(set.unit.filter(|_| job.unit.is_none()), &files[0])?;
     let mut points = Vec::new();
     let mut unknown = 0_usize;
+    let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
+    if not_finite > 0 {
+        warnings.push(format!(
+            "{not_finite} points have coordinates that are not finite numbers: they were left out"
+        ));
+    }
     for posed in &set.scans {
         let (scan, pose) = (&posed.scan, &posed.scan.world_from_scanner);
         for (i, point) in scan.points.iter().enumerate() {
