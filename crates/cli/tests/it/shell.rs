@@ -337,7 +337,7 @@ fn what_cannot_be_meant_is_said() {
     std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
     let said = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
     assert!(
-        said.stderr.contains("view mask01: the camera's axis"),
+        said.stderr.contains("The camera's axis meets the picture at 1278, 958"),
         "{}",
         said.stderr
     );

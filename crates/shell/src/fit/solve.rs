@@ -132,7 +132,7 @@ pub(super) fn solve(
     let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
     let few = chosen_points(readings.points, enough, &bounds);
     let all = chosen_points(readings.points, usize::MAX, &bounds);
-    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left, if that costs little. What the data show to the last σ may fold.
+    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left, if that costs little. What the data show to the last σ may fold, and what outlines alone draw has more faults than folds.
     let mut heavier = 1.0;
     let mut folded: Option<(ShellFit, f64)> = None;
     let mut step = 0;
@@ -247,12 +247,13 @@ pub(super) fn solve(
                 equations = problem.equations(&state, again(factors))?;
             }
         }
-        if step + 1 == options.steps && weight > 0.0 && options.prior.is_none() && heavier < HEAVIEST {
+        let may_be_heavier = weight > 0.0 && options.prior.is_none() && heavier < HEAVIEST;
+        if step + 1 == options.steps && may_be_heavier && !readings.points.is_empty() {
             let folds = mesh
                 .distortion(&displaced(&mesh.positions, deformation, &state.q))
                 .folds
                 > 0;
-            let rms = rms_of_points(&equations).unwrap_or(0.0);
+            let rms = rms_normalized(&equations);
             let good = folded.as_ref().is_none_or(|before| rms < WORSE * before.1);
             if folds && good {
                 if folded.is_none() {
@@ -285,6 +286,14 @@ pub(super) fn solve(
         iterations,
         ..made
     })
+}
+
+/// Root mean square of residuals over what was stated, of readings that may be of the mesh.
+fn rms_normalized(equations: &[Equations]) -> f64 {
+    let of_readings =
+        (equations.iter().flat_map(|some| &some.list)).filter(|e| e.source != Source::Region && e.is_likely());
+    let (squares, count) = of_readings.fold((0.0, 0_usize), |(sum, n), e| (sum + e.normalized().powi(2), n + 1));
+    (squares / count.max(1) as f64).sqrt()
 }
 
 /// Root mean square distance of the points that have an equation.

@@ -85,14 +85,6 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
     for ((view, mask), fitted) in frame.views.iter().zip(&frame.masks).zip(&frame.fitted) {
         let Some(mask) = mask else { continue };
         let name = &view.name;
-        let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
-        let picture = [mask.columns as f64, mask.rows as f64];
-        if (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]) {
-            words.push(format!(
-                "view {name}: the camera's axis meets the picture at {:.0}, {:.0}, and its mask has {} × {} pixels: is K of a picture of another size?",
-                middle[0], middle[1], mask.columns, mask.rows
-            ));
-        }
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > AT_FRAME {
             words.push(format!(
@@ -101,8 +93,19 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
             ));
         }
         if should_show && intersection_over_union(mesh, &fitted.camera, mask) < UNLIKE {
+            let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
+            let picture = [mask.columns as f64, mask.rows as f64];
+            // Of calibrations that know no more than a projection the axis may be anywhere: alone it says nothing.
+            let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
             words.push(format!(
-                "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of another view, or the camera or the mesh in another unit or frame?"
+                "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of another view, or the camera or the mesh in another unit or frame?{}",
+                match off_axis {
+                    true => format!(
+                        " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} pixels: K may be of a picture of another size",
+                        middle[0], middle[1], mask.columns, mask.rows
+                    ),
+                    false => String::new(),
+                }
             ));
         }
     }
