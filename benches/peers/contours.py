@@ -129,7 +129,7 @@ def show(shape, folder):
     for name, j in rows:
         print(f"| {name} | {j['vertices']} | {j['rms']:.4f} | {j['rms_facets']:.4f} | {j['largest']:.3f} | {j['sigma']:.4f} | {j['over_sigma']:.2f} |")
     for method, m in merged.items():
-        print(method, {k: m[k] for k in ("parts", "boundary_edges", "nonmanifold_edges", "watertight", "holes_closed")}, "valence of seams", m["valence"])
+        print(method, {k: m[k] for k in ("parts", "boundary_edges", "nonmanifold_edges", "watertight", "holes_closed", "filled")}, "valence of seams", m["valence"])
     meshes = [read(p)[:2] for p in patches]
     figure = plt.figure(figsize=(13, 7))
     panels = [(meshes[:2], "patches of the first motion"), (meshes[2:], "patches of the second motion"), (meshes, "superposed"), (without_shared(meshes, 1.2), "without common regions")]

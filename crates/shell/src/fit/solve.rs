@@ -134,6 +134,8 @@ pub(super) fn solve(
     let all = chosen_points(readings.points, usize::MAX, &bounds);
     // Where the controls lack something, folds make up for it: smoothness counts for more until none is left, if that costs little. What the data show to the last σ may fold, and what outlines alone draw has more faults than folds.
     let mut heavier = 1.0;
+    // The weight by likelihood: σ is by this one, as to be held is not to be known.
+    let mut likely = None;
     let mut folded: Option<(ShellFit, f64)> = None;
     let mut step = 0;
     while step < options.steps {
@@ -259,6 +261,7 @@ pub(super) fn solve(
                 if folded.is_none() {
                     let made = finished(mesh, deformation, &known, state.clone(), &equations, &factors, weight)?;
                     if made.lack_of_fit > 0.0 {
+                        likely = Some(weight);
                         folded = Some((made, rms));
                     }
                 }
@@ -281,6 +284,7 @@ pub(super) fn solve(
         });
     }
     let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
+    let weight = likely.unwrap_or(weight);
     finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
         termination,
         iterations,
