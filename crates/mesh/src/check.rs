@@ -7,6 +7,7 @@
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::mesh::TriangleMesh;
+use crate::sets::Sets;
 use crate::triangle::area_vector;
 
 /// Counts that describe a mesh; see [`TriangleMesh::check`].
@@ -155,33 +156,6 @@ impl TriangleMesh {
             .map(|(k, (root, _))| (*root, k as u32))
             .collect();
         roots.iter().map(|root| rank[root]).collect()
-    }
-}
-
-/// Disjoint sets of numbers; the root of a set is its least member.
-pub(crate) struct Sets {
-    parent: Vec<u32>,
-}
-
-impl Sets {
-    pub(crate) fn new(count: usize) -> Self {
-        Self {
-            parent: (0..count as u32).collect(),
-        }
-    }
-
-    pub(crate) fn root(&mut self, mut of: u32) -> u32 {
-        while self.parent[of as usize] != of {
-            let above = self.parent[self.parent[of as usize] as usize];
-            self.parent[of as usize] = above;
-            of = above;
-        }
-        of
-    }
-
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b) as usize] = a.min(b);
     }
 }
 

@@ -18,9 +18,9 @@ mod valence;
 pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap, searches_of};
 pub use shared_noise::{NoiseLikeness, noise_likeness};
 
-use crate::check::Sets;
 use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
+use crate::sets::Sets;
 use front::{Cloth, sew};
 use manifold::{manifold, one_fan_each};
 use planish_estimate::vector3::{add_scaled, distance};

@@ -8,7 +8,7 @@
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_mesh::{BoundingBox, Sets, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
@@ -118,24 +118,13 @@ impl Roads {
 ///
 /// Cost: some thirty passes over the vertices, and none where there is one part.
 fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
-    let mut parts: Vec<u32> = (0..positions.len() as u32).collect();
-    fn root(parts: &mut [u32], mut v: u32) -> u32 {
-        while parts[v as usize] != v {
-            parts[v as usize] = parts[parts[v as usize] as usize];
-            v = parts[v as usize];
-        }
-        v
-    }
+    let mut parts = Sets::new(positions.len());
     let mut used: Vec<u32> = pairs.iter().flatten().copied().collect();
     used.sort_unstable();
     used.dedup();
     let mut count = used.len();
     for [a, b] in pairs {
-        let (a, b) = (root(&mut parts, *a), root(&mut parts, *b));
-        if a != b {
-            parts[a.max(b) as usize] = a.min(b);
-            count -= 1;
-        }
+        count -= usize::from(parts.join(*a, *b));
     }
     let mut found = Vec::new();
     let Some(bounds) = BoundingBox::around(used.iter().map(|v| positions[*v as usize])) else {
@@ -148,9 +137,7 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
             let at = positions[v as usize];
             let key = [0, 1, 2].map(|k| ((at[k] - bounds.min[k]) / cell) as u64);
             let other = *first.entry(key).or_insert(v);
-            let (a, b) = (root(&mut parts, other), root(&mut parts, v));
-            if a != b {
-                parts[a.max(b) as usize] = a.min(b);
+            if parts.join(other, v) {
                 found.push([other.min(v), other.max(v)]);
                 count -= 1;
             }

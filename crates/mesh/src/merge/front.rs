@@ -332,7 +332,7 @@ fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
 
 /// Border vertices by the cube that they lie in.
 struct Grid {
-    cubes: HashMap<[i32; 3], Vec<(u32, [f64; 3])>>,
+    cubes: HashMap<[i64; 3], Vec<(u32, [f64; 3])>>,
     size: f64,
     /// The largest reach of a vertex.
     reach: f64,
@@ -357,8 +357,8 @@ impl Grid {
         grid
     }
 
-    fn cube(&self, p: [f64; 3]) -> [i32; 3] {
-        p.map(|x| (x / self.size).floor() as i32)
+    fn cube(&self, p: [f64; 3]) -> [i64; 3] {
+        p.map(|x| (x / self.size).floor() as i64)
     }
 
     fn visit(&self, middle: [f64; 3], radius: f64, mut found: impl FnMut(u32)) {

@@ -7,9 +7,9 @@
 
 use super::Patch;
 use super::border::distance_to_border;
-use crate::check::Sets;
 use crate::mesh::BoundingBox;
 use crate::search::MeshSearch;
+use crate::sets::Sets;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;

@@ -4,7 +4,7 @@
 
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
-use planish_mesh::{Fused, MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, zipped};
+use planish_mesh::{Fused, MeshSearch, Overlap, OverlapOptions, Patch, Sets, TriangleMesh, ZipOptions, Zipped, zipped};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -181,21 +181,12 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
 
 /// For each vertex, the least vertex that it hangs together with.
 fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
-    fn root(of: &mut [u32], mut v: u32) -> u32 {
-        while of[v as usize] != v {
-            of[v as usize] = of[of[v as usize] as usize];
-            v = of[v as usize];
-        }
-        v
-    }
-    let mut of: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    let mut of = Sets::new(mesh.positions.len());
     for [a, b, c] in &mesh.triangles {
-        for other in [b, c] {
-            let (one, two) = (root(&mut of, *a), root(&mut of, *other));
-            of[one.max(two) as usize] = one.min(two);
-        }
+        of.join(*a, *b);
+        of.join(*a, *c);
     }
-    (0..of.len() as u32).map(|v| root(&mut of, v)).collect()
+    (0..mesh.positions.len() as u32).map(|v| of.root(v)).collect()
 }
 
 /// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs was, and how many are left out.

@@ -7,7 +7,7 @@
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add_scaled, dot, tangents};
-use planish_mesh::{MeshSearch, TriangleMesh};
+use planish_mesh::{MeshSearch, Sets, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -25,23 +25,15 @@ fn parts(mesh: &TriangleMesh) -> Vec<u32> {
             (at_edge.entry([a.min(b), a.max(b)]).or_default()).push((i as u32, a < b));
         }
     }
-    let mut part: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
-    fn root(part: &mut [u32], mut i: u32) -> u32 {
-        while part[i as usize] != i {
-            part[i as usize] = part[part[i as usize] as usize];
-            i = part[i as usize];
-        }
-        i
-    }
+    let mut part = Sets::new(mesh.triangles.len());
     for facets in at_edge.values() {
         if let [(a, along), (b, other)] = facets[..]
             && along != other
         {
-            let (a, b) = (root(&mut part, a), root(&mut part, b));
-            part[a.max(b) as usize] = a.min(b);
+            part.join(a, b);
         }
     }
-    (0..mesh.triangles.len() as u32).map(|i| root(&mut part, i)).collect()
+    (0..mesh.triangles.len() as u32).map(|i| part.root(i)).collect()
 }
 
 /// The triangles of a mesh, those of parts that are seen from behind turned over.

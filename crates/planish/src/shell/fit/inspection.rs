@@ -167,7 +167,7 @@ pub(super) fn outcome(
 
 fn misstated(points: &ReadingsReport, believed: bool) -> Option<String> {
     let factor = points.sigma_factor;
-    let grossly = factor > MISSTATED || factor < 1.0 / MISSTATED;
+    let grossly = !(1.0 / MISSTATED..=MISSTATED).contains(&factor);
     (grossly && !believed).then(|| {
         format!(
             "the points' residuals are {} of what their σ say: that was taken (--believe-sigma takes σ as stated)",
