@@ -3,6 +3,7 @@
 //! Comes in: patches as they were read. Goes out: those that are no copies, all facing alike, and words on what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers were rounded.
 
 use super::patches::NamedPatch;
+use crate::model::SigmaSummary;
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -12,6 +13,13 @@ use std::cmp::Reverse;
 
 /// So many vertices of a patch tell whether it is turned over.
 const LOOKED_AT: usize = 2000;
+
+/// Patches that state σ lie on one another within so many of that of a difference,
+const SAME: f64 = 5.0;
+/// or within this share of two edges, by which chords may miss a surface.
+const CHORD: f64 = 0.15;
+/// Places of two patches that agree, or do not, are little beside so many times more of others.
+const LITTLE: f64 = 0.05;
 
 /// σ from differences that is longer than this share of an edge is what unrelated surfaces show.
 const UNALIKE: f64 = 0.4;
@@ -80,10 +88,12 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
         .collect()
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of several; those that are `off` may lie a percent of their size apart. Gives which were turned, and a search for each as it is then.
+/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of several; those that are `off` may lie a percent of their size apart, those that state σ as far as it lets them, so that the two sides of a plate stay as they are. Gives which were turned, and a search for each as it is then.
 pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
+    let stated = |patch: &Patch| (!patch.sigma.is_empty()).then(|| SigmaSummary::of(patch.sigma.clone()).median);
+    let sigma: Vec<Option<f64>> = patches.iter().map(stated).collect();
     // Sums of the cosines between normals of near places.
     let mut agree = vec![0.0; count * count];
     for i in 0..count {
@@ -99,6 +109,10 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
                 continue;
             };
             for j in (0..count).filter(|j| *j != i) {
+                let reach = match (off, sigma[i], sigma[j]) {
+                    (false, Some(mine), Some(theirs)) => reach.min((SAME * mine.hypot(theirs)).max(CHORD * edges)),
+                    _ => reach,
+                };
                 if let Some(foot) = searches[j].closest_within(*p, reach)
                     && !foot.on_boundary
                 {
@@ -107,6 +121,15 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
                     agree[j * count + i] += cosine;
                 }
             }
+        }
+    }
+    // What little touches says nothing beside what lies on one another.
+    let strongest: Vec<f64> = (agree.chunks(count))
+        .map(|row| row.iter().copied().map(f64::abs).fold(0.0, f64::max))
+        .collect();
+    for (at, sum) in agree.iter_mut().enumerate() {
+        if sum.abs() < LITTLE * strongest[at / count].min(strongest[at % count]) {
+            *sum = 0.0;
         }
     }
     // The surest neighbour of what is settled comes next.

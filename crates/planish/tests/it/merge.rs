@@ -184,6 +184,42 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     assert!((mean + 0.1).abs() < 0.04, "{mean}");
 }
 
+/// Both sides of a plate that is thinner than edges are long stay as they face, where σ says that they are two; a sheet that faces the other way than the one it lies on is turned.
+#[test]
+fn the_sides_of_a_thin_plate_are_not_turned_over() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let mut side = |from: f64, height: f64, down: bool| {
+        let mut mesh = planish_mesh::grid_sheet(40.0, 30.0, 40, 30);
+        for p in &mut mesh.positions {
+            *p = [p[0] + from, p[1], height + 0.02 * normal(&mut rng)];
+        }
+        if down {
+            mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        let sigma = vec![0.02; mesh.positions.len()];
+        NamedPatch {
+            name: format!("{from} {height}"),
+            tidied: Patch::tidy(&mesh, &sigma).expect("a patch"),
+            observed: Vec::new(),
+        }
+    };
+    let plate = vec![
+        side(0.0, 0.0, false),
+        side(25.3, 0.0, false),
+        side(0.0, -0.35, true),
+        side(25.3, -0.35, true),
+    ];
+    let whole = merged(plate, MergeMethod::Mean);
+    assert!(
+        whole.report.patches.iter().all(|p| !p.turned_over),
+        "{:?}",
+        whole.report
+    );
+    assert!(whole.report.parts == 2 && whole.report.nonmanifold_edges == 0);
+    let turned = merged(vec![side(0.0, 0.0, false), side(25.3, 0.0, true)], MergeMethod::Mean);
+    assert!(turned.report.patches.iter().any(|p| p.turned_over) && turned.report.parts == 1);
+}
+
 #[test]
 fn the_order_of_patches_does_not_matter() {
     let patches = four_patches();
