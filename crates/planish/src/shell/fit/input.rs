@@ -10,6 +10,7 @@ use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::{ViewFile, Views, read_views};
 use planish_exchange::{Unit, paths_in, read_inputs};
 use planish_mesh::TriangleMesh;
+use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
     Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior,
@@ -237,8 +238,9 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             let not_finite: usize = read.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
             if not_finite > 0 {
                 return Err(Error::input(format!(
-                    "{}: {not_finite} controls have coordinates that are not finite numbers",
-                    path.display()
+                    "{}: {} with coordinates that are not finite numbers",
+                    path.display(),
+                    counted(not_finite, "control")
                 )));
             }
             Some(
@@ -356,7 +358,8 @@ fn read_points(
     let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
     if not_finite > 0 {
         warnings.push(format!(
-            "{not_finite} points have coordinates that are not finite numbers: they were left out"
+            "{} with coordinates that are not finite numbers: left out",
+            counted(not_finite, "point")
         ));
     }
     for posed in &set.scans {
